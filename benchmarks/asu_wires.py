@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.report import table
-
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 # By the authors of the recordings: a metre of wire is 5 V. Two wires run to the middle plate, two to the tip.
 _M_PER_V = 0.2

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.options import Options
 from benchmarks.report import met, table
 from soro_core import load_robot
+from soro_core.arrays import Array
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.estimation import Estimate, Estimator, EstimatorState
 from soro_core.loop import Loop
 from soro_core.robot import Robot
 from tests.soro_core.loop.loop_harness import Harness, Setup
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Seeds of each case, from 1 on.
 SEEDS = 20

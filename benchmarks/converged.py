@@ -6,12 +6,11 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from soro_core import SoftArm
+from soro_core.arrays import Array
 
-Array = NDArray[np.float64]
 Run = Callable[[int], tuple[Array, Array] | None]
 # A run whose halved step moves the tip by less than this, in % of the length, has converged.
 CONVERGED = 1e-4

@@ -6,16 +6,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import kernels, peer, rod
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from benchmarks.timing import per_call
 from soro_core import SoftArm
+from soro_core.arrays import Array
 from soro_core.integrate import State, make_stepper
 
-Array = NDArray[np.float64]
 TITLE = "Derivatives"
 # Forward dynamics and derivatives together, of one call of the forward dynamics, by links.
 LIMIT = {1: 4.0, 2: 4.0, 4: 8.0, 8: 8.0}

@@ -15,10 +15,8 @@ import re
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import OptimizeResult, least_squares
 
 from benchmarks.identified_asu import (
@@ -32,12 +30,11 @@ from benchmarks.identified_asu import (
     squares,
 )
 from soro_core import SoftArm, load_robot
+from soro_core.arrays import Array
 from soro_core.errors import SoroError
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.parameters import ArmParameter, numbers_of, with_numbers
 from soro_lab.identification.recording import Recording, read_csv
-
-Array: TypeAlias = NDArray[np.float64]
 
 GUESS = Path("examples/asu_two_segment_guess.yaml")
 SEARCHED = ("k_e", "k_b", "area_slope", "chamber1/gain", "chamber2/gain")

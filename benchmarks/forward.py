@@ -6,15 +6,14 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import kernels, peer, pictures, rod
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from benchmarks.timing import per_call
 from soro_core import SoftArm
+from soro_core.arrays import Array
 
-Array = NDArray[np.float64]
 TITLE = "Forward dynamics"
 # Microseconds to reach, and how many times faster than the peer.
 LOOP_US = {1: 1.5, 2: 3.0, 4: 7.0, 8: 16.0, 16: 35.0, 32: 75.0}

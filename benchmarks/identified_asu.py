@@ -5,20 +5,17 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.air_fit import DATA
 from benchmarks.asu_wires import wires
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core import SoftArm, load_robot
+from soro_core.arrays import Array
 from soro_lab.identification.arm.cases.case import Whole
 from soro_lab.identification.recording import Plate, Recording, read_csv
-
-Array: TypeAlias = NDArray[np.float64]
 
 TITLE = "Identified robot file: asu_two_segment"
 ROBOT = "asu_two_segment"

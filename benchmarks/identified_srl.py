@@ -6,10 +6,8 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.air_fit import DATA
 from benchmarks.options import Options
@@ -28,10 +26,9 @@ from benchmarks.tip_steps import (
     shown,
     swung,
 )
+from soro_core.arrays import Array
 from soro_core.model import SoftArm
 from soro_core.robot import Robot, load_robot
-
-Array: TypeAlias = NDArray[np.float64]
 
 TITLE = "Identified silicone segment"
 ROBOT = "srl_one_segment"

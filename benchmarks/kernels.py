@@ -5,16 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core import SoftArm
 from soro_core._box import Box, view
 from soro_core._jit import kernel
+from soro_core.arrays import Array
 from soro_core.model import dynamics
 from soro_core.model.checks import flat_wrench
 from soro_core.model.derivative import entries
-
-Array = NDArray[np.float64]
 
 
 @kernel

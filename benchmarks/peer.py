@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import rod
+from soro_core.arrays import Array
 
-Array = NDArray[np.float64]
 # Its default, Gauss points a link.
 DEFAULT_GAUSS_POINTS = 5
 MISSING = "soromox was not measured (it comes with `pip install -e '.[bench]'`): ours alone."

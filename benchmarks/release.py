@@ -8,15 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import rod
 from benchmarks.converged import Converged
 from benchmarks.timing import CLOCK
 from soro_core import SoftArm, simulate
+from soro_core.arrays import Array
 from soro_core.integrate import STEPPERS
 
-Array = NDArray[np.float64]
 # Largest tip RMSE, in % of the length.
 LIMIT = 0.1
 # Steps a second, coarse to fine, 12 % apart; searched in strides first.

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
-
-Array: TypeAlias = NDArray[np.float64]
 
 # What a motion rings on: a straight line, and two decays [s], of pressures that still rise and of creep. With
 # a parabola instead, the ratio of a recorded fill changes by half with the window; with these by a tenth.

@@ -8,7 +8,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks import pictures
 from benchmarks.converged import Converged
@@ -16,9 +15,9 @@ from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from benchmarks.timing import CLOCK
 from soro_core import SoftArm, load_robot, simulate
+from soro_core.arrays import Array
 from soro_core.integrate import STEPPERS
 
-Array = NDArray[np.float64]
 TITLE = "Six-link benchmark"
 LINKS = 6
 PUBLISHED = {24: 17.5, 36: 7.0, 60: 4.3, 90: 3.7, 120: 3.6, 180: 3.7}

@@ -9,13 +9,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path as File
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from benchmarks.ring import Ring, ring_of
+from soro_core.arrays import Array
 from soro_core.config import find_config, load
 from soro_core.errors import ModelError
 from soro_core.integrate import simulate
@@ -25,8 +25,6 @@ from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import Path
 from soro_lab.identification.recording import Columns, read_csv
 from soro_lab.identification.recording.sources.assumed_pressure import stated_pressure
-
-Array: TypeAlias = NDArray[np.float64]
 
 # A ring-down is seen from so long after the step on until so long after it [s].
 RING_S = (0.15, 1.0)

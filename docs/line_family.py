@@ -17,12 +17,12 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
+from soro_core.arrays import Array
 from soro_core.errors import HardwareError
 from soro_hardware.emulation.devices import ServedDevices
 from soro_hardware.families import Family
 from soro_hardware.link_driver import LinkDriver
 from soro_hardware.platform import Freshness, TcpPlatform, ValveBase
-from soro_hardware.port import Array
 from soro_hardware.transport.tcp import ByteLink
 
 # -- the platform file -----------------------------------------------------------------------------

@@ -7,12 +7,9 @@ reciprocal condition decides.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 # Reciprocal condition from which a matrix counts as regular: below, round-off decides the solution.
 LEAST = 1e-14

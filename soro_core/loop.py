@@ -10,11 +10,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Generic, Protocol, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 
 if TYPE_CHECKING:  # a node needs one half only, and not the modules of the other
@@ -23,8 +23,6 @@ if TYPE_CHECKING:  # a node needs one half only, and not the modules of the othe
     from soro_core.control.laws import Certainty
     from soro_core.estimation import Estimate, Estimator, EstimatorState, ImuSample, PoseSample
     from soro_core.integrate import Status
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class PlantObservation(Protocol):

@@ -7,12 +7,10 @@ them at every sample of a sensor, and a call takes 4 to 8 us here, 10 to 60 us t
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 _ONE = np.eye(3)
 # Below this angle [rad] the closed forms lose digits; their series are exact to round-off there.

@@ -10,7 +10,6 @@ from soro_core.config import Floats, Strict
 from soro_core.frames import Frames
 from soro_core.robot import Discretisation
 from soro_core.safety import Limits
-from soro_core.start_keys import StartKeys
 
 Mode: TypeAlias = Literal["real_time", "lockstep"]
 Priority: TypeAlias = Annotated[
@@ -21,6 +20,17 @@ Priority: TypeAlias = Annotated[
         description="real_time: priority (SCHED_FIFO) where the system permits it; 0 for none",
     ),
 ]
+
+
+class StartKeys(Strict):
+    """Keys of the start of a node."""
+
+    autostart: bool = Field(True, description="configure and activate at start")
+    end_on_failed_start: bool = Field(
+        False,
+        description="end the process if autostart fails, as soro run has it; otherwise the node stays, and a "
+        "later transition may succeed",
+    )
 
 
 class ClockKeys(Strict):

@@ -16,12 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError, HardwareError
 from soro_core.safety import Limits, check_rating, for_regulators
 from soro_hardware.families import find_family, open_regulator
 from soro_hardware.finding import Finding, grade, run_check
 from soro_hardware.platform import IN_TURN, PlatformBase
-from soro_hardware.port import FAULT_CODES, Array, Regulator
+from soro_hardware.port import FAULT_CODES, Regulator
 from soro_hardware.supervisor import SILENCE_S
 
 OFFSET_WARN_PA, OFFSET_FAIL_PA = 2e3, 5e3

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import numpy as np
 
 from soro_core import safety
+from soro_core.arrays import Array, Flags
 from soro_core.errors import HardwareError
 from soro_hardware.platform import IN_TURN, PlatformBase, watched
-from soro_hardware.port import Array, Exchange, Flags, Regulator
+from soro_hardware.port import Exchange, Regulator
 
 
 class LimitedRegulator(safety.Limiter):

@@ -8,10 +8,10 @@ from typing import Any, Protocol, Self, TypeVar
 
 import numpy as np
 
+from soro_core.arrays import Array, Flags
 from soro_core.errors import HardwareError
 from soro_hardware.driver import Driver
 from soro_hardware.platform import Freshness, TcpPlatform
-from soro_hardware.port import Array, Flags
 from soro_hardware.supervisor_client import VentPlan
 from soro_hardware.transport.tcp import ByteLink, link_to
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from soro_core.arrays import Flags
 from soro_hardware.platform import ReadingAge
-from soro_hardware.port import Fault, Flags
+from soro_hardware.port import Fault
 
 
 class Lateness:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from soro_core.arrays import Array
 from soro_core.config import Strict, parse
 from soro_core.robot.coordinates import strain_fields
 
@@ -15,7 +15,6 @@ if TYPE_CHECKING:
     from soro_core.adaptation.scales import Scales
     from soro_core.model import SoftArm
 
-Array: TypeAlias = NDArray[np.float64]
 
 # Mass at the tip that is expected, and the least one, as parts of the mass of the links: the three-bellow arm
 # of 17 g carries 30 g and is tuned with a prior of 100 g.

@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned, size_of
 from soro_core.adaptation.scales import scales_of
+from soro_core.arrays import Array
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class LearnedForce:

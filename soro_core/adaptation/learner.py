@@ -12,10 +12,9 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
@@ -23,6 +22,7 @@ from soro_core.adaptation.kernel.information import gain
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.nonuniform_force import UnevenForce
+from soro_core.arrays import Array
 from soro_core.frozen import replaced
 from soro_core.linear import inverse
 from soro_core.model.checks import fault
@@ -32,7 +32,6 @@ from soro_core.model.entries import make_box
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
 
-Array: TypeAlias = NDArray[np.float64]
 
 # Part of a unit of q for the difference quotient of the force.
 _STEP = 1e-6

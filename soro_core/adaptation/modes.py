@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.scales import FORCE_PART, scales_of
+from soro_core.arrays import Array
 from soro_core.robot.coordinates import strain_fields
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
 
-Array: TypeAlias = NDArray[np.float64]
 
 # Strains and rates for difference quotients of the losses, which are linear in them but for hysteresis.
 _STEP = 1e-6

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.scales import Scales
-
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.frozen import replaced
 from soro_core.pneumatics.lag import SHORTEST_S, follow
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Targets that are kept for the dead time.
 _KEPT = 100

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_core.robot.coordinates import strain_fields
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
 
-Array: TypeAlias = NDArray[np.float64]
 
 # A tenth of the length as elongation, and a bend of 0.64 rad (37 degrees) of a link, are one unit of q.
 STRETCH, BEND_RAD = 0.1, 0.64

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.regulators import RegulatorState
+from soro_core.arrays import Array
 from soro_core.control.bumpless import BumplessTransfer
 from soro_core.control.control_monitor import WatchState
 from soro_core.control.laws.protocol import Terms
@@ -19,8 +20,6 @@ from soro_core.control.reference.active_reference import Following
 from soro_core.control.reference.trajectory import Hold, Point
 from soro_core.control.reference.underactuation import UnderactuatedState
 from soro_core.model import SoftArm
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.frozen import replaced
-
-Array: TypeAlias = NDArray[np.float64]
 
 # A chamber that lacks this pressure [Pa] for this time [s] is named.
 LACKING_PA, LACKING_S = 2e3, 0.5

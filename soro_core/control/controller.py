@@ -5,12 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import partial
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.regulators import RegulatorObserver
+from soro_core.arrays import Array
 from soro_core.control.bumpless import apply_transfer
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
@@ -36,8 +35,6 @@ from soro_core.frozen import replaced
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 from soro_core.robot.coordinates import strain_fields
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class Controller(GivenReferences):

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import NDArray
+from soro_core.arrays import Array
 
 if TYPE_CHECKING:  # a scene reads a law's keys without its model
     from soro_core.model import SoftArm
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def advance_creep(arm: SoftArm, internal: Array, q: Array, qd: Array, dt: float) -> Array:

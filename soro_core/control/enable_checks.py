@@ -10,11 +10,11 @@ import contextlib
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.motion_config import EnableBounds
 from soro_core.control.motions.kinematics import inverse_kinematics
 from soro_core.control.motions.references import bounds_of
@@ -28,7 +28,6 @@ from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, r
 if TYPE_CHECKING:
     from soro_core.control.controller import Controller
 
-Array: TypeAlias = NDArray[np.float64]
 
 # Links of the arm that is compared with the samples.
 _PARTS = 4

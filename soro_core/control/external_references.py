@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
 from soro_core.control.laws.protocol import Law
@@ -25,8 +25,6 @@ from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import StrainFields
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Slices of a look within one tick, 0.3 ms each: commands that are later than 100 ms vent the arm.
 _MOST_SLICES = 120

@@ -8,12 +8,12 @@ on the plant of tests/soro_core/loop; docs/gains.md.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.modes import first_mode, losses
+from soro_core.arrays import Array
 from soro_core.control.config import Gains
 from soro_core.control.passivity.adaptive import FeedbackGains
 from soro_core.control.reference.coordinate_values import gain_matrix, per_coordinate
@@ -23,7 +23,6 @@ from soro_core.robot.coordinates import StrainFields
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
 
-Array: TypeAlias = NDArray[np.float64]
 
 # K_p of bending: part of the damping over the time until a set point acts, and at most of the stiffness.
 DAMPING_PART, BEND_PART = 0.093, 0.15

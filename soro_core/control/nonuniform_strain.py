@@ -12,13 +12,13 @@ difference is what a law with constant strains lacks, docs/control.md. One step 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.nonuniform_force import UnevenForce
 from soro_core.adaptation.scales import q_scale_of
+from soro_core.arrays import Array
 from soro_core.control.kernel import nonuniform_strain as kernel
 from soro_core.control.reference.trajectory import Point
 from soro_core.model import SoftArm
@@ -27,8 +27,6 @@ from soro_core.model.dynamics import GOOD, SINGULAR
 from soro_core.robot import Robot
 from soro_core.robot.discretisation import with_basis
 from soro_core.robot.parts import fields
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Steps from constant strains to the shape.
 _STEPS = 5

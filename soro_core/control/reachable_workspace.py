@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import stable_equilibrium
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Combinations of pressures, at most so many; every chamber has at least two levels.
 MOST = 1000

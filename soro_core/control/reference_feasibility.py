@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.config import ReferenceConfig
 from soro_core.control.controller import Controller
 from soro_core.control.motions.motion_parts import PiecewiseMotion
@@ -17,8 +15,6 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.statics import equilibrium
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Points of a circle that are checked.
 POINTS = 16

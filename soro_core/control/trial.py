@@ -14,8 +14,8 @@ from collections.abc import Callable
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.command import Command, ControllerState
 from soro_core.control.laws.protocol import Law, Setting
 from soro_core.control.pressures.actuation import DEFAULT_RATE_HZ
@@ -25,7 +25,6 @@ from soro_core.model.discretised import discretised
 from soro_core.pneumatics.lag import follow as follow_lag
 from soro_core.robot import Discretisation
 
-Array: TypeAlias = NDArray[np.float64]
 # A tick, from state, q, qd, time [s], time since the last tick [s] and measured pressures [Pa gauge].
 Step: TypeAlias = Callable[
     [ControllerState, Array, Array, float, float, Array], tuple[ControllerState, Command]

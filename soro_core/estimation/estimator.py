@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.scales import q_scale_of
+from soro_core.arrays import Array
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.learned_input import update_learned_input
@@ -29,8 +28,6 @@ from soro_core.estimation.tick_state import Draft
 from soro_core.estimation.unmeasured_subspace import unmeasured_covariance
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class Estimator:

@@ -9,13 +9,13 @@ A learned force is part of the model. All is computed by the kernels of `soro_co
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._box import Box
 from soro_core.adaptation.learned import size_of
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.estimation.belief import Belief
 from soro_core.estimation.config import EstimatorConfig
@@ -36,8 +36,6 @@ from soro_core.model.build import find_site
 from soro_core.model.checks import flat_wrench, refuse_underivable
 from soro_core.model.dynamics import GOOD
 from soro_core.model.tables import Site
-
-Array: TypeAlias = NDArray[np.float64]
 
 _NO_ORIENTATION = np.zeros(4)
 

@@ -7,20 +7,18 @@ the arm rests at the z that pressures and weight ask for; the load need not be k
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.scales import q_scale_of
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
 from soro_core.linear import solve
 from soro_core.model import SoftArm
 from soro_core.robot.basis import shape_values
 from soro_core.robot.coordinates import strain_fields
 from soro_core.robot.discretisation import with_basis
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Part of a unit of a coordinate for difference quotients of the static force.
 _STEP = 1e-5

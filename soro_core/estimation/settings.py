@@ -10,21 +10,17 @@ coefficients are mostly unobservable from the tip, and drift until the predictio
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from soro_core.adaptation.scales import scales_of
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig, ProcessNoise
 from soro_core.estimation.kernel.parts import MOST_ROWS, Settings
 from soro_core.model import SoftArm
 from soro_core.model.build import find_site
 from soro_core.robot.coordinates import StrainFields, strain_fields
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -> Settings:

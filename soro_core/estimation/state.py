@@ -4,18 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
+from soro_core.arrays import Array
 from soro_core.estimation.belief import Belief
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.estimation.sensors.monitor import SensorMonitor
 from soro_core.estimation.sensors.samples import Sample
 from soro_core.estimation.status import Counts
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Never written: a draft copies it.
 _NONE: Mapping[str, Any] = {}

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.estimation.belief import Belief
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.estimation.sensors.monitor import Innovation, SensorMonitor
 from soro_core.estimation.sensors.samples import Sample
 from soro_core.estimation.state import EstimatorState, Segment, Sensor
 from soro_core.estimation.status import Counts
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Place of each count.
 _PLACES = {name: i for i, name in enumerate(Counts._fields)}

@@ -7,15 +7,12 @@ model's own error, which the filter follows and the learner finds again. It must
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.kernel import entries
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Deviation of the positions as a part of the arm's length: far below any sensor's, so that what positions
 # show keeps the filter's covariance.

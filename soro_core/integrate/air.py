@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import NamedTuple, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.checks import listed
@@ -21,8 +21,6 @@ from soro_core.model.links.linear import assign, clear
 from soro_core.model.tables import AIR, Tables
 from soro_core.pneumatics.chamber import Gas, chamber_pressures, make_gas, masses_at
 from soro_core.pneumatics.valve_model import ValveModel
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class NoAir(NamedTuple):

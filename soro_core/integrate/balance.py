@@ -14,13 +14,10 @@ such steps are not corrected.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.integrate.steppers.scheme import Dissipative, Scheme
 from soro_core.integrate.system import NOT_RESOLVED, StepWork
 from soro_core.model.dynamics import GOOD
@@ -30,8 +27,6 @@ from soro_core.model.forces.external import add_external_forces
 from soro_core.model.forces.internal import internal_energy
 from soro_core.model.method import energy
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Largest removed part of the kinetic energy; for a larger excess the step is divided.
 SHARE = 0.25

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.integrate.explicit import MAX_STEPS
 from soro_core.integrate.state import OK, Status
 from soro_core.integrate.system import CLOSED, NOT_RESOLVED, TOO_STIFF
 from soro_core.model import SoftArm
 from soro_core.model.dynamics import BAD_INPUT, COLLAPSED, GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR
 from soro_core.robot.coordinates import strain_fields
-
-Array: TypeAlias = NDArray[np.float64]
 
 CAUSES = {
     NOT_FINITE: "the state is not finite, or grew beyond all bounds",

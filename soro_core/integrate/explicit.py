@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
+from soro_core.arrays import Array
 from soro_core.integrate.steppers.scheme import RESOLVED
 from soro_core.integrate.steppers.tableau import Tableau
 from soro_core.integrate.system import (
@@ -24,8 +21,6 @@ from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite,
 from soro_core.model.forces.internal import internal_rate
 from soro_core.model.links.linear import assign
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Largest number of error-controlled steps within a step of the grid.
 MAX_STEPS = 2000

@@ -6,13 +6,10 @@ The model takes long to compile, so a single function calls it.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
+from soro_core.arrays import Array
 from soro_core.integrate.air import Air, breathe
 from soro_core.integrate.balance import begin_balance, keep_balance
 from soro_core.integrate.newton import solve_stage
@@ -23,8 +20,6 @@ from soro_core.model.forces.internal import advance_internal
 from soro_core.model.links.linear import assign, clear
 from soro_core.model.links.sweep import NO, YES
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Smallest fraction of a step that is divided.
 SMALLEST_PART = 1.0 / 65536.0

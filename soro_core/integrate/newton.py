@@ -8,12 +8,9 @@ M + c_v R + c_q K of docs/model.md (34), factored once, and again only if conver
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.integrate.air import Air, breathe
 from soro_core.integrate.system import CLOSED, StepWork, factor, force_residual
 from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, check, finite
@@ -21,8 +18,6 @@ from soro_core.model.forces.internal import advance_internal
 from soro_core.model.links.sweep import NO, YES
 from soro_core.model.method import solve_system
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 MAX_ITERATIONS = 30
 # Slower contraction than this requires a new Hessian.

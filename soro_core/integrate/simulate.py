@@ -5,11 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import air_behind, air_pressures, initial_air
 from soro_core.integrate.causes import BY_LOAD, describe_at
@@ -20,8 +20,6 @@ from soro_core.model.checks import finite, flat_wrench, number, require, shaped
 from soro_core.model.equilibrium.statics import carried_share
 from soro_core.pneumatics.chamber import Gas
 from soro_core.pneumatics.valve_model import ValveModel
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Largest number of values in a run, 8 GB.
 MOST_NUMBERS = 1_000_000_000

@@ -9,14 +9,14 @@ from numbers import Integral
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
 from soro_core.integrate.simulate import Result, simulate
 from soro_core.model import SoftArm
 from soro_core.model.checks import dimensions, require, shaped
 
-Array: TypeAlias = NDArray[np.float64]
 Pressure: TypeAlias = Callable[[float], ArrayLike] | ArrayLike | None
 
 

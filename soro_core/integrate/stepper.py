@@ -8,9 +8,10 @@ from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from soro_core._box import Box
+from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import NO_AIR, Air, air_behind, air_pressures, initial_air, with_air
 from soro_core.integrate.causes import describe_at
@@ -37,7 +38,6 @@ from soro_core.pneumatics.valve_model import ValveModel
 if TYPE_CHECKING:
     from soro_core.integrate.derivatives.step_derivatives import StepDerivatives, StepRoom
 
-Array: TypeAlias = NDArray[np.float64]
 Run: TypeAlias = Callable[..., tuple[int, int]]
 
 _SCHEMES: dict[str, Scheme | Tableau] = {

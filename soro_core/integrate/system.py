@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._box import Box
 from soro_core._jit import inner, kernel
+from soro_core.arrays import Array, Integers
 from soro_core.integrate.air import Air, add_air_stiffness
 from soro_core.model.dynamics import applied_force
 from soro_core.model.forces.chambers import add_pressure_stiffness
@@ -16,9 +16,6 @@ from soro_core.model.forces.elasticity import add_stiffness
 from soro_core.model.method import factor_system, inverse_dynamics, make_work
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
-
-Array: TypeAlias = NDArray[np.float64]
-Integers: TypeAlias = NDArray[np.int64]
 
 # Codes of the steppers, beside those of `soro_core.model.dynamics`.
 TOO_STIFF, NOT_RESOLVED, CLOSED = 20, 21, 22

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from soro_core._box import Box
+from soro_core.arrays import Array
 from soro_core.model import dynamics, entries
 from soro_core.model.checks import fault, finite, shaped
 from soro_core.model.tables import Tables
 from soro_core.robot import Robot
-
-Array: TypeAlias = NDArray[np.float64]
 
 DEFAULT_STEPS = 20
 

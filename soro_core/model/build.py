@@ -3,21 +3,16 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array, Integers
 from soro_core.model.build_external import external_table, find, places_of, with_masses
 from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, MdeTables, Site, Tables
 from soro_core.robot import Link, Robot, link_damping, link_stiffness, shear_factors
 from soro_core.robot.basis import shape_means, shape_values, strain_rows
 from soro_core.robot.link import LEAST_ELONGATION
 from soro_core.rotation import matrix_from_quaternion
-
-Array: TypeAlias = NDArray[np.float64]
-Integers: TypeAlias = NDArray[np.int64]
-Booleans: TypeAlias = NDArray[np.bool_]
 
 # Row of the twist (angular, linear) and sign that one unit of each strain adds: Gamma = (-kappa_y,
 # kappa_x, torsion).

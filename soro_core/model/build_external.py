@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.model.tables import CONTACT, HELD, External, NoExternal
 from soro_core.robot import Robot
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Places nearer than this, of a link's length, are one: round-off of added lengths.
 SAME = 1e-9

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from numbers import Integral, Real
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
 from soro_core.model import dynamics, entries
 from soro_core.robot import Robot
 from soro_core.robot.link import LEAST_ELONGATION
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Beyond these the tables alone take minutes.
 MOST_NODES, MOST_STEPS = 500, 100_000

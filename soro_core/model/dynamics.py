@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.forces.chambers import actuation, add_pressure_force
 from soro_core.model.forces.elasticity import elastic_force
 from soro_core.model.forces.internal import add_internal_force
@@ -16,8 +15,6 @@ from soro_core.model.links.local import local_strain, n_samples
 from soro_core.model.method import acceleration, motion_force
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Codes of the kernels.
 GOOD, NOT_FINITE, COLLAPSED, SINGULAR, NOT_CONVERGED, BAD_INPUT = 0, 1, 2, 3, 4, 5

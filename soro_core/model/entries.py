@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
+from soro_core.arrays import Array
 from soro_core.model import dynamics
 from soro_core.model.forces import chambers, elasticity, internal
 from soro_core.model.links.linear import assign, clear
@@ -24,8 +23,6 @@ from soro_core.model.method import (
 )
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Arm
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @kernel

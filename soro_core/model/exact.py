@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.forces.external import add_external_forces, add_external_tangents
 from soro_core.model.links.articulated import complete_rigid, factor, inertia_to_parent, solve
 from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
@@ -24,8 +20,6 @@ from soro_core.model.work import (
     NODE,
     Work,
 )
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

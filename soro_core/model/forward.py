@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from soro_core._box import Box
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import dynamics, entries
 from soro_core.model.arm_base import ArmBase
 from soro_core.model.checks import dimensions, fault, finite, flat_wrench, refuse_underivable, shaped
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class Derivatives(NamedTuple):

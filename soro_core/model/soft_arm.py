@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
 from soro_core.model import entries
 from soro_core.model.arm_base import DEFAULT_STEPS, default_nodes
@@ -19,8 +20,6 @@ from soro_core.model.forward import ForwardDynamics
 from soro_core.model.tables import Site
 from soro_core.robot import Robot
 from soro_core.robot.description import END_TOLERANCE
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class SoftArm(ForwardDynamics):

@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-Array: TypeAlias = NDArray[np.float64]
-Integers: TypeAlias = NDArray[np.int64]
-Booleans: TypeAlias = NDArray[np.bool_]
+from soro_core.arrays import Array, Flags, Integers
 
 DEFORMED, GEOMETRIC = 0, 1
 CREEP, DAHL, AIR = 0, 1, 2
@@ -51,7 +46,7 @@ class Tables(NamedTuple):
     """First coordinate of each link, and n_q: (n + 1,)."""
     basis: Array
     """Twist that one unit of a coordinate's strain adds, (n_q, 6); times its shape function it is B'."""
-    varying: Booleans
+    varying: Flags
     """Links whose strain varies along them, (n,)."""
     fraction: Array
     """Sub-intervals of a link on (0, 1): their lengths, (n_sub,)."""

@@ -40,16 +40,13 @@ take it read it only, and a value left in it would be a motion that the caller d
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array, Integers
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
-Integers: TypeAlias = NDArray[np.int64]
 
 # Rows of `Work.vectors`. Of `sweep`: true, reference and acceleration twist of a link's base and of a node.
 BASE_TWIST, BASE_REFERENCE, BASE_ACCELERATION = 0, 1, 2

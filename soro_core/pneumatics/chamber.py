@@ -15,17 +15,15 @@ step and volume.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner, kernel
+from soro_core.arrays import Array
 from soro_core.pneumatics.flow import mass_flow
 from soro_core.pneumatics.valve_condition import ValveCondition, healthy
 from soro_core.pneumatics.valve_model import ValveModel
-
-Array: TypeAlias = NDArray[np.float64]
 
 AMBIENT_PA = 101325.0
 GAS_CONSTANT = 287.05

@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from soro_core.arrays import Array
 from soro_core.config import Strict
 from soro_core.pneumatics.lag import follow
-
-Array: TypeAlias = NDArray[np.float64]
 
 _MOST_PA = 1e8  # no pneumatic regulator has more
 

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.robot.link import Link
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def strain_rows(link: Link) -> tuple[str, ...]:

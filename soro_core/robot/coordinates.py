@@ -9,18 +9,13 @@ constant one has W = 1.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array, Flags, Integers
 from soro_core.robot.basis import shape_integrals, shape_means, shape_values, strain_rows
 from soro_core.robot.description import Robot
 from soro_core.robot.link import Link
-
-Array: TypeAlias = NDArray[np.float64]
-Integers: TypeAlias = NDArray[np.int64]
-Booleans: TypeAlias = NDArray[np.bool_]
 
 STRETCHES = ("elongation", "shear_x", "shear_y")
 # Points along a link at which a field is evaluated for its largest value, the ends among them.
@@ -64,7 +59,7 @@ class StrainFields:
     strains: tuple[str, ...]
     index: Integers
     first: Integers
-    stretch: Booleans
+    stretch: Flags
     length: Array
     weight: Array
     root: Array

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.robot.basis import shape_integrals, strain_rows
 from soro_core.robot.description import Robot
 from soro_core.robot.link import Link
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def link_stiffness(link: Link, factor: float | Array = 1.0) -> Array:

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
+from soro_core.arrays import Array, Flags
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.safety.limits import Limits
-from soro_core.safety.monitor_state import Array, Flags, chamber
+from soro_core.safety.monitor_state import chamber
 from soro_core.safety.monitors import broken_wire, watch
 from soro_core.safety.refusal import why_refused
 from soro_core.safety.state import MUST_BE_ZERO, SafetyState, count_refusal, initial_state

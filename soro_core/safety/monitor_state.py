@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array, Flags, Integers
 from soro_core.pneumatics.regulator import RegulatorState
-
-Array: TypeAlias = NDArray[np.float64]
-Flags: TypeAlias = NDArray[np.bool_]
-Times: TypeAlias = NDArray[np.int64]
 
 NEVER = -1
 
@@ -51,19 +47,19 @@ class MonitorState(NamedTuple):
     reading_pa: Array
     residual_pa: Array
     seen: Flags
-    deviates_ns: Times
+    deviates_ns: Integers
     moved_pa: Array
     asked_pa: Array
-    unmoved_ns: Times
-    same_ns: Times
+    unmoved_ns: Integers
+    same_ns: Integers
     lowest_pa: Array
     highest_pa: Array
-    still_ns: Times
+    still_ns: Integers
     mean_pa: Array
     drift_pa: Array
-    drift_ns: Times
+    drift_ns: Integers
     drifts: Array
-    supply_ns: Times
+    supply_ns: Integers
     now_ns: int
 
 

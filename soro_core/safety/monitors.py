@@ -13,10 +13,11 @@ from typing import TypeAlias
 
 import numpy as np
 
+from soro_core.arrays import Array, Flags, Integers
 from soro_core.pneumatics.lag import follow
 from soro_core.pneumatics.regulator import RegulatorModel, step
 from soro_core.safety.limits import Monitors
-from soro_core.safety.monitor_state import NEVER, Array, Flags, MonitorState, Sample, Times, chamber
+from soro_core.safety.monitor_state import NEVER, MonitorState, Sample, chamber
 
 # A set point counts as settled after this time and this number of lags (e^-8 of full scale is 30 Pa).
 SETTLED_S, SETTLED_LAGS = 0.5, 8.0
@@ -25,7 +26,7 @@ DRIFT_FILTER_S = 0.1
 # The filter smears a step over two of them at most.
 DRIFT_WINDOWS = 3
 
-_Found: TypeAlias = tuple[dict[str, Array | Times], str | None]
+_Found: TypeAlias = tuple[dict[str, Array | Integers], str | None]
 
 
 def broken_wire(monitors: Monitors, names: Sequence[str], reading_pa: Array) -> str | None:
@@ -100,7 +101,7 @@ def watch(
     model = expected.pressure_pa
     off = reading_pa - model
     sample = Sample(setpoint_pa, reading_pa, fresh, first, model, off, supply_pa, dt, now_ns)
-    changes: dict[str, Array | Times] = {}
+    changes: dict[str, Array | Integers] = {}
     causes = []
     for monitor in (_spike, _stuck, _frozen, _deviation, _drift, _supply):
         changed, cause = monitor(monitors, response, state, sample)
@@ -222,13 +223,13 @@ def _supply(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Fo
     return {"supply_ns": since}, text
 
 
-def _since(since_ns: Times, holds: Flags, judged: Flags, now_ns: int) -> Times:
+def _since(since_ns: Integers, holds: Flags, judged: Flags, now_ns: int) -> Integers:
     """Return the time since which a condition holds; unchanged where it is not judged now."""
     held = np.where(since_ns == NEVER, now_ns, since_ns)
     return np.where(judged, np.where(holds, held, NEVER), since_ns)
 
 
-def _longest(since_ns: Times, now_ns: int, limit_s: float) -> int | None:
+def _longest(since_ns: Integers, now_ns: int, limit_s: float) -> int | None:
     """Chamber whose condition has held longest, if that is too long."""
     if _none_since(since_ns):
         return None
@@ -246,6 +247,6 @@ def _all(flags: Flags) -> bool:
     return False not in flags.tolist()
 
 
-def _none_since(since_ns: Times) -> bool:
+def _none_since(since_ns: Integers) -> bool:
     """Whether no chamber's condition holds."""
     return max(since_ns.tolist(), default=NEVER) == NEVER

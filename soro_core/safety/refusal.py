@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.safety.limits import Limits
-from soro_core.safety.monitor_state import Array, chamber
+from soro_core.safety.monitor_state import chamber
 from soro_core.safety.state import SafetyState
 
 

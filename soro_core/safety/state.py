@@ -7,7 +7,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soro_core.safety.monitor_state import Array, MonitorState, Times, initial_monitors
+from soro_core.arrays import Array, Integers
+from soro_core.safety.monitor_state import MonitorState, initial_monitors
 from soro_core.safety.vent_check import Emptying, not_begun
 
 # End of the refusal of a reset after a command that was not zero.
@@ -50,7 +51,7 @@ class SafetyState(NamedTuple):
     command_ns: int | None = None
     command_stamp_ns: int = 0
     command_source: str = ""
-    reading_ns: Times | None = None
+    reading_ns: Integers | None = None
     over_ns: int | None = None
     cycle_ns: int | None = None
     cause: str | None = None

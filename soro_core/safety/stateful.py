@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
+from soro_core.arrays import Array, Flags
 from soro_core.config import with_changes
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.safety import limiter
 from soro_core.safety.limits import NARROWED, Limits
-from soro_core.safety.monitor_state import Array, Flags
 from soro_core.safety.state import initial_state
 
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array, Flags
 from soro_core.safety.limits import Limits
-from soro_core.safety.monitor_state import Array, Flags, chamber
+from soro_core.safety.monitor_state import chamber
 
 # A chamber that was named is empty only below this part of the limit, so that noise does not name it again.
 EMPTY_AGAIN = 0.8

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.model.discretised import discretised
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.pneumatics import ValveCondition
 from soro_core.robot import Robot
 from soro_core.twin.config import TwinConfig, check_volumes, described_plant
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def true_robot(robot: Robot, config: TwinConfig) -> Robot:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Generic, TypeAlias, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.frozen import replaced
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
 from soro_core.twin.config import SensorConfig
 
-Array: TypeAlias = NDArray[np.float64]
 Sample = TypeVar("Sample", bound=PoseSample | ImuSample)
 
 # Size of an outlier in standard deviations: it represents a swapped marker, not large noise.

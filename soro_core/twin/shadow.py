@@ -5,18 +5,15 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.robot import Robot
 from soro_core.rotation import matrix_from_quaternion, rotation_exp, rotation_log
 from soro_core.twin.config import ShadowConfig
 from soro_core.twin.twin import Twin, TwinState
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Poses of the shadow are kept for this long, because measured poses arrive late.
 REMEMBERED_S = 0.5

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core import pneumatics
+from soro_core.arrays import Array
 from soro_core.config import with_changes
 from soro_core.errors import ModelError
 from soro_core.estimation.sensors.samples import ImuSample, PoseSample
@@ -29,8 +28,6 @@ from soro_core.twin.sensors import (
     measure_pose,
     sample,
 )
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Shorter parts of a tick [s] are rounding of a dead time of whole ticks.
 SHORTEST_S = 1e-9

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING
 
 import typer
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ConfigError, ModelError
 
 if TYPE_CHECKING:
-    from soro_design.fem.elements.response import Array, Indices
+    from soro_core.arrays import Array, Integers
 
 
 def export_part(source: str, stl: Path | None, step: Path | None, pieces: int) -> None:
@@ -57,7 +58,7 @@ def export_part(source: str, stl: Path | None, step: Path | None, pieces: int) -
         write_surface(stl, *(solid_surface(mesh) if mesh.space == "solid" else revolved(mesh, pieces)))
 
 
-def write_surface(stl: Path, points: Array, triangles: Indices) -> None:
+def write_surface(stl: Path, points: Array, triangles: Integers) -> None:
     """Write a surface that closes, and print a line of it.
 
     Parameters

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from soro_core.arrays import Array, Integers
 from soro_core.rotation import left_jacobian_inverse, rotation_log
-from soro_design.fem.elements.response import Array, Indices
 
 
-def section_poses(points: Array, u: Array, sections: Indices, share: Array) -> Array:
+def section_poses(points: Array, u: Array, sections: Integers, share: Array) -> Array:
     """Return the poses (s, 4, 4) of sections, by the rigid motion that fits each best.
 
     Parameters

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_array
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_core.extras import named_packages
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.meshes.surface import pieces
 
 
@@ -32,7 +32,7 @@ class Obstacle:
     """
 
     points: Array
-    pieces: Indices
+    pieces: Integers
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +178,7 @@ class Barrier:
         return bool(self._ipc.has_intersections(self._surfaces, self.places(u)))
 
 
-def _around(points: Array, lines: Indices) -> Array:
+def _around(points: Array, lines: Integers) -> Array:
     """Mean 2 pi r (n,) [m] of the halves of lines beside each point, which is not 0 on the axis."""
     length = np.linalg.norm(points[lines[:, 1]] - points[lines[:, 0]], axis=1)
     total, weighted = np.zeros(len(points)), np.zeros(len(points))

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem.elements.element import element
 from soro_design.fem.elements.fibres import Fibres
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.elements.response import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Pressure:
         Whether the faces are meant to be an open surface; else they have to close a cavity (`fem.rim`).
     """
 
-    faces: Indices
+    faces: Integers
     pressure_pa: float
     is_patch: bool = False
 
@@ -83,7 +83,7 @@ class Loads:
         held[np.asarray(nodes), direction] = displacement_m
         return replace(self, held=held)
 
-    def press(self, faces: Indices, pressure_pa: float, is_patch: bool = False) -> Loads:
+    def press(self, faces: Integers, pressure_pa: float, is_patch: bool = False) -> Loads:
         """Return the loads with a pressure on faces.
 
         Parameters
@@ -146,7 +146,7 @@ def no_loads(mesh: Mesh) -> Loads:
     return Loads(held, np.zeros(shape), np.zeros(shape))
 
 
-def traction(mesh: Mesh, faces: Indices, stress_pa: ArrayLike) -> Array:
+def traction(mesh: Mesh, faces: Integers, stress_pa: ArrayLike) -> Array:
     """Return the forces (n, d) [N] of a stress vector (d,) that keeps its direction, per undeformed area.
 
     Parameters
@@ -162,7 +162,7 @@ def traction(mesh: Mesh, faces: Indices, stress_pa: ArrayLike) -> Array:
     return _spread(mesh, faces, share, np.asarray(stress_pa, dtype=float))
 
 
-def spread_force(mesh: Mesh, faces: Indices, force_n: ArrayLike) -> Array:
+def spread_force(mesh: Mesh, faces: Integers, force_n: ArrayLike) -> Array:
     """Return the forces (n, d) [N] of a force (d,) that faces share by their undeformed area.
 
     Parameters
@@ -177,7 +177,7 @@ def spread_force(mesh: Mesh, faces: Indices, force_n: ArrayLike) -> Array:
     return traction(mesh, faces, np.asarray(force_n, dtype=float) / _face_areas(mesh, faces).sum())
 
 
-def spread_spring(mesh: Mesh, faces: Indices, stiffness: ArrayLike) -> Array:
+def spread_spring(mesh: Mesh, faces: Integers, stiffness: ArrayLike) -> Array:
     """Return springs (n, d) [N/m] that share a stiffness per undeformed area (d,) [N/m3].
 
     Parameters
@@ -197,7 +197,7 @@ def spread_spring(mesh: Mesh, faces: Indices, stiffness: ArrayLike) -> Array:
     return _spread(mesh, faces, share, np.asarray(stiffness, dtype=float))
 
 
-def _face_areas(mesh: Mesh, faces: Indices) -> Array:
+def _face_areas(mesh: Mesh, faces: Integers) -> Array:
     """Undeformed areas (f, g) of the points of integration of faces."""
     face = element(mesh.element.face)
     at = mesh.points[faces]
@@ -209,7 +209,7 @@ def _face_areas(mesh: Mesh, faces: Indices) -> Array:
     return np.asarray(area)
 
 
-def _spread(mesh: Mesh, faces: Indices, share: Array, each: Array) -> Array:
+def _spread(mesh: Mesh, faces: Integers, share: Array, each: Array) -> Array:
     total = np.zeros_like(mesh.points)
     np.add.at(total, faces, share[:, :, None] * each)
     return total

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem.contact import Barrier, Contact, make_barrier
 from soro_design.fem.elements.element import element
@@ -16,7 +17,6 @@ from soro_design.fem.elements.follower import add_pressure
 from soro_design.fem.elements.material import Hyperelastic, Material
 from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.pattern import Pattern, make_pattern
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.elements.solid import assemble, tables
 from soro_design.fem.loads import Loads
 from soro_design.fem.rim import check_closed
@@ -83,8 +83,8 @@ class Part:
     slope: Array
     hoop: Array
     volume: Array
-    _faces: tuple[Indices, ...]
-    _pieces: tuple[Indices, ...]
+    _faces: tuple[Integers, ...]
+    _pieces: tuple[Integers, ...]
     contact: Barrier | None = None
 
     def under(self, loads: Loads) -> Part:

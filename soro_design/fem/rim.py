@@ -7,9 +7,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.arrays import Integers
 from soro_core.errors import ModelError
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.elements.response import Indices
 from soro_design.fem.loads import Loads
 
 # A rim whose tangent leaves a plane of symmetry by less than this share lies in it.
@@ -46,7 +46,7 @@ def check_closed(mesh: Mesh, loads: Loads) -> None:
             )
 
 
-def rim(faces: Indices, d: int) -> Indices:
+def rim(faces: Integers, d: int) -> Integers:
     """Return the nodes of each place where faces end, (r, k): the node of a section, or the edge of a solid.
 
     Parameters
@@ -66,7 +66,7 @@ def rim(faces: Indices, d: int) -> Indices:
     return np.asarray(edges[np.sort(index[count == 1])])
 
 
-def _is_held(mesh: Mesh, loads: Loads, rims: Indices) -> NDArray[np.bool_]:
+def _is_held(mesh: Mesh, loads: Loads, rims: Integers) -> NDArray[np.bool_]:
     """Whether the supports make (du x dv) . t vanish on each place of a rim, (r,) of bool."""
     held = np.asarray(np.isfinite(loads.held)[rims].all(axis=1))
     if mesh.points.shape[1] == 2:

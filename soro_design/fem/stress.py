@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core._jit import kernel
-from soro_design.fem.elements.response import BULK, Array, Indices, cofactor, respond
+from soro_core.arrays import Array, Integers
+from soro_design.fem.elements.response import BULK, cofactor, respond
 from soro_design.fem.elements.solid import fill_gradient, gather, make_work
 from soro_design.fem.part import Part
 
@@ -60,7 +61,7 @@ def strained(part: Part, u: Array) -> Strained:
 def _add_up(
     law: Array,
     is_averaged: bool,
-    cells: Indices,
+    cells: Integers,
     slope: Array,
     hoop: Array,
     volume: Array,

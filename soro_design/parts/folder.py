@@ -10,9 +10,9 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_design.fem import State
-from soro_design.fem.elements.response import Array
 from soro_design.fem.meshes.vtu import write_vtu
 from soro_design.fem.stress import strained
 from soro_design.parts.file import PartFile, Sweep

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.arrays import Integers
 from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import State
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.elements.response import Indices
 from soro_design.fem.loads import no_loads, spread_force
 from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, read_mesh
 from soro_design.fem.part import Part
@@ -44,9 +44,9 @@ class MeshSpecimen:
     """
 
     part: Part
-    pressed: tuple[tuple[Indices, bool], ...]
-    forced: Indices
-    moved: Indices
+    pressed: tuple[tuple[Integers, bool], ...]
+    forced: Integers
+    moved: Integers
     direction: int
     tendons: tuple[Routed, ...] = ()
 
@@ -56,7 +56,7 @@ class MeshSpecimen:
         return len(self.pressed)
 
     @property
-    def watched(self) -> Indices:
+    def watched(self) -> Integers:
         """Nodes whose mean motion is measured: forced ones, else moved ones, else all."""
         if self.forced.size:
             return np.unique(self.forced)
@@ -160,7 +160,7 @@ def _nodes(where: str, read: MeshFile, name: str, geometry: MeshGeometry) -> NDA
     return inside
 
 
-def _faces(where: str, mesh: Mesh, key: str, name: str, inside: dict[str, NDArray[np.bool_]]) -> Indices:
+def _faces(where: str, mesh: Mesh, key: str, name: str, inside: dict[str, NDArray[np.bool_]]) -> Integers:
     """Faces of the boundary in a region."""
     try:
         return mesh.faces_at(inside[key])

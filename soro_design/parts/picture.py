@@ -10,8 +10,8 @@ import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
+from soro_core.arrays import Array
 from soro_design.fem import Mesh
-from soro_design.fem.elements.response import Array
 from soro_design.parts.mesh_specimen import MeshSpecimen
 from soro_design.parts.specimen import RodSpecimen, Specimen
 

@@ -7,12 +7,12 @@ from typing import TypeAlias
 
 import numpy as np
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ConfigError, ModelError
 from soro_core.rotation import rotation_log
 from soro_design.fem import State
 from soro_design.fem.backbone import section_poses
 from soro_design.fem.elements.fibres import fibres
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.loads import no_loads, spread_force
 from soro_design.fem.meshes.bellows import bellows_mesh
 from soro_design.fem.meshes.blocks import grid, revolved_tube
@@ -44,7 +44,7 @@ class RodSpecimen:
 
     part: Part
     rod: Rod
-    tip: Indices
+    tip: Integers
     tendons: tuple[Routed, ...] = ()
 
     @property
@@ -97,8 +97,8 @@ class RingSpecimen:
     """
 
     part: Part
-    inside: Indices
-    tip: Indices
+    inside: Integers
+    tip: Integers
     tendons: tuple[Routed, ...] = ()
 
     @property

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.extras import named_packages
-from soro_design.fem.elements.response import Array
 from soro_design.fem.meshes.bellows import Bellows
 from soro_design.fem.meshes.rod import RodShape
 from soro_design.parts.geometry import BellowsGeometry, RodGeometry, TubeGeometry

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_design.fem import Settings, Solution, State, solve
-from soro_design.fem.elements.response import Array
 from soro_design.parts.file import Sweep
 from soro_design.parts.specimen import RodSpecimen, Specimen
 

@@ -11,11 +11,11 @@ from pydantic import Field
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
+from soro_core.arrays import Array, Integers
 from soro_core.config import Strict
 from soro_core.errors import ModelError
 from soro_design.fem.elements.fibres import fibres, pieces_of
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.loads import Loads
 
 
@@ -32,10 +32,10 @@ class Tendon(Strict):
 
 
 # Pieces (m, 2) of a tendon, and its stiffness [N].
-Routed: TypeAlias = tuple[Indices, float]
+Routed: TypeAlias = tuple[Integers, float]
 
 
-def route(mesh: Mesh, along: Sequence[Sequence[float]]) -> Indices:
+def route(mesh: Mesh, along: Sequence[Sequence[float]]) -> Integers:
     """Return the pieces (m, 2) of the chain of nodes that stays nearest to the lines between points.
 
     Neighbours in the chain are nodes of one element. Each piece costs its length and the distances of its
@@ -94,7 +94,7 @@ def tensioned(loads: Loads, tendons: Sequence[Routed], tensions_n: Sequence[floa
     return loads
 
 
-def _nearest(mesh: Mesh, point: Array, joined: Indices, length: Array) -> int:
+def _nearest(mesh: Mesh, point: Array, joined: Integers, length: Array) -> int:
     away = np.linalg.norm(mesh.points - point, axis=1)
     node = int(away.argmin())
     if away[node] > length[(joined == node).any(axis=1)].max():

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_design.parts.sweeps import Backbone
-from soro_design.robot_of_part.snapshots import Array, Snapshots
+from soro_design.robot_of_part.snapshots import Snapshots
 
 
 @dataclass(frozen=True)

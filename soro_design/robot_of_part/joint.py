@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
@@ -16,7 +17,7 @@ from soro_core.robot import Robot
 from soro_design.parts.sweeps import Backbone
 from soro_design.robot_of_part.direct import Direct
 from soro_design.robot_of_part.link import Template, parameters, robot_of
-from soro_design.robot_of_part.snapshots import Array, Snapshots
+from soro_design.robot_of_part.snapshots import Snapshots
 from soro_lab.identification.fit import Fit, fit
 
 # Error that a state may be expected to have, as a part of the length.

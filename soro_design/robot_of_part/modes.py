@@ -10,9 +10,10 @@ from typing import Any
 import numpy as np
 from scipy.linalg import expm
 
+from soro_core.arrays import Array
 from soro_core.rotation import skew
 from soro_design.parts.sweeps import Backbone
-from soro_design.robot_of_part.snapshots import Array, Snapshots
+from soro_design.robot_of_part.snapshots import Snapshots
 
 SAMPLES = 61
 

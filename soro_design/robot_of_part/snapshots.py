@@ -4,17 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_design.fem.backbone import section_strains
 from soro_design.parts.file import Sweep
 from soro_design.parts.sweeps import Backbone
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Order of the strains of a link: elongation, bending_x and bending_y, from a twist (angular part first).
 _ROWS, _SIGNS, _STRAIGHT = [5, 1, 0], np.array([1.0, 1.0, -1.0]), np.array([1.0, 0.0, 0.0])

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.config import with_changes
 from soro_core.robot import Robot
 from soro_design.parts.file import PartFile, Sweep
@@ -18,7 +19,7 @@ from soro_design.robot_of_part.direct import Direct, direct
 from soro_design.robot_of_part.joint import TipError, refine, tip_errors
 from soro_design.robot_of_part.link import Template, robot_of, template
 from soro_design.robot_of_part.modes import Kept, kept, modes, samples_of, strain_keys
-from soro_design.robot_of_part.snapshots import Array, Snapshots
+from soro_design.robot_of_part.snapshots import Snapshots
 from soro_lab.identification.fit import Fit
 
 # Modes that the report compares.

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Mesh, Settings, make_part, no_loads, solve
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.elements.solid import tables
 from soro_design.topology.domain import NEAR, Domain, held_nodes, inside, patch
 from soro_design.topology.flood import Flood, flood, thinnest_wall, wet_faces
@@ -63,8 +63,8 @@ class Shape:
     cut: Contour
     mesh: Mesh
     air: Flood
-    wet: Indices
-    outer: Indices
+    wet: Integers
+    outer: Integers
     wall_m: float
     wall_at: Array
 

@@ -9,12 +9,12 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import Mesh
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.topology.physics.compliance import Compliance
 from soro_design.topology.physics.darcy import Flow
-from soro_design.topology.physics.grid import Flags, Grid, make_grid
+from soro_design.topology.physics.grid import Grid, make_grid
 from soro_design.topology.physics.stroke import Stroke
 from soro_design.topology.task import Box, Disc, Farthest, Stiffest, Task
 
@@ -194,7 +194,7 @@ def inside(region: Box | Disc, points: Array, near: float) -> Flags:
     return np.asarray(np.hypot(*gap.T) <= region.radius_m + near)
 
 
-def joined(cells: Indices, seeds: Flags) -> Flags:
+def joined(cells: Integers, seeds: Flags) -> Flags:
     """Return which nodes (n,) elements (e, 4) join with those of `seeds` (n,)."""
     n, pairs = len(seeds), np.concatenate([cells[:, k : k + 2] for k in range(3)])
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n))

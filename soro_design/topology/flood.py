@@ -9,10 +9,9 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from soro_core.arrays import Array, Flags, Integers
 from soro_design.fem import Mesh
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.topology.domain import Domain
-from soro_design.topology.physics.grid import Flags
 from soro_design.topology.shape import Contour, grid_edges, is_bridged
 
 
@@ -54,7 +53,7 @@ def flood(domain: Domain, cut: Contour) -> Flood:
     return Flood(wet, wet & domain.is_open, is_void & ~wet & ~dry)
 
 
-def wet_faces(domain: Domain, cut: Contour, found: Flood, mesh: Mesh) -> tuple[Indices, Indices]:
+def wet_faces(domain: Domain, cut: Contour, found: Flood, mesh: Mesh) -> tuple[Integers, Integers]:
     """Return the boundary faces of the solid that the air of the inlet presses on, and those in the open.
 
     Parameters
@@ -86,7 +85,7 @@ def wet_faces(domain: Domain, cut: Contour, found: Flood, mesh: Mesh) -> tuple[I
     return faces[is_wet], faces[is_outer & ~is_wet]
 
 
-def thinnest_wall(mesh: Mesh, wet: Indices, outer: Indices) -> tuple[float, Array]:
+def thinnest_wall(mesh: Mesh, wet: Integers, outer: Integers) -> tuple[float, Array]:
     """Return the least distance [m] from a wet to an open face, and where it is (2,) [m]; inf without any.
 
     Parameters

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_design.fem.elements.response import Array
+from soro_core.arrays import Array
 
 NEAREST, FARTHEST = 0.01, 10.0
 FIRST, APART, TOGETHER = 0.5, 1.2, 0.7

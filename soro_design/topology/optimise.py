@@ -11,8 +11,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
-from soro_design.fem.elements.response import Array
 from soro_design.topology.domain import Domain, analysis, make_domain
 from soro_design.topology.flood import flood
 from soro_design.topology.mma import Moves, mma_step, no_moves

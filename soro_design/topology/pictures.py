@@ -10,7 +10,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 from PIL import Image
 
-from soro_design.fem.elements.response import Array
+from soro_core.arrays import Array
 from soro_design.topology.check import Reanalysis, Shape
 from soro_design.topology.domain import Domain
 from soro_design.topology.optimise import TONES, OptimiserState

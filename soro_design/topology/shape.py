@@ -13,11 +13,11 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
+from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Mesh, make_mesh
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.topology.domain import Domain
-from soro_design.topology.physics.grid import Flags, Grid
+from soro_design.topology.physics.grid import Grid
 
 # A node whose edge is cut nearer than this share of the edge moves onto the contour.
 SNAP = 0.25
@@ -69,14 +69,14 @@ def snapped(grid: Grid, level: Array) -> Contour:
     return Contour(points, level)
 
 
-def grid_edges(grid: Grid) -> Indices:
+def grid_edges(grid: Grid) -> Integers:
     """Return the edges (m, 2) of a grid by their nodes."""
     number = np.arange(len(grid.mesh.points)).reshape(grid.counts[0] + 1, grid.counts[1] + 1)
     pairs = ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:]))
     return np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
 
 
-def is_bridged(level: Array, cells: Indices) -> Flags:
+def is_bridged(level: Array, cells: Integers) -> Flags:
     """Return which cells (e,) with two solid corners across from each other join them by solid."""
     signs = np.sign(level[cells])
     is_saddle = (signs[:, 0] == signs[:, 2]) & (signs[:, 1] == signs[:, 3]) & (signs[:, 0] * signs[:, 1] < 0)
@@ -119,7 +119,7 @@ def solid_mesh(domain: Domain, cut: Contour) -> Mesh:
     return _wanted(domain, np.array(points), np.array(quads))
 
 
-def _polygons(cut: Contour, cell: Indices, is_bridged: bool) -> list[list[tuple[int, ...]]]:
+def _polygons(cut: Contour, cell: Integers, is_bridged: bool) -> list[list[tuple[int, ...]]]:
     """Corners of the solid of a cell: nodes (a, a) and cuts (a, b) of edges, counter-clockwise."""
     level = cut.level[cell]
     found: list[tuple[int, ...]] = []
@@ -146,7 +146,7 @@ def _place(cut: Contour, key: tuple[int, ...]) -> Array:
     return np.asarray(cut.points[a] + share * (cut.points[b] - cut.points[a]))
 
 
-def _wanted(domain: Domain, points: Array, quads: Indices) -> Mesh:
+def _wanted(domain: Domain, points: Array, quads: Integers) -> Mesh:
     """The elements that share edges with those at the output, or at what is held."""
     edges = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
     _, of_edge = np.unique(edges, axis=0, return_inverse=True)

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from soro_core.arrays import Array, Flags
 from soro_core.errors import HardwareError
 from soro_hardware.board import messages, texts
 from soro_hardware.board.config import BoardPlatform
@@ -18,7 +19,7 @@ from soro_hardware.board.probe import examine
 from soro_hardware.board.session import Session
 from soro_hardware.finding import Finding
 from soro_hardware.link_driver import LinkDriver
-from soro_hardware.port import Array, Fault, Flags
+from soro_hardware.port import Fault
 from soro_hardware.transport.tcp import ByteLink
 
 Answer = TypeVar("Answer")

@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 import can
 import numpy as np
 
+from soro_core.arrays import Array, Flags
 from soro_core.errors import HardwareError
 from soro_hardware.canopen import frames
 from soro_hardware.canopen.boot import startup, watchdogs
@@ -29,7 +30,7 @@ from soro_hardware.canopen.probe import probe
 from soro_hardware.canopen.sdo_client import SdoClient, SdoError
 from soro_hardware.driver import Driver
 from soro_hardware.finding import Finding
-from soro_hardware.port import Array, Fault, Flags
+from soro_hardware.port import Fault
 from soro_hardware.transport.bus_watch import BusWatch
 from soro_hardware.transport.frame import Frame
 from soro_hardware.transport.link import CanLink

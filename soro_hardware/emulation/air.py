@@ -11,6 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.pneumatics.regulator import (
     RegulatorModel,
     RegulatorState,
@@ -29,7 +30,6 @@ from soro_hardware.emulation.faults.air_faults import (
     faulty_target,
 )
 from soro_hardware.emulation.faults.schedule import Faults
-from soro_hardware.port import Array
 
 
 class Air:

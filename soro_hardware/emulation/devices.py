@@ -8,6 +8,7 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.pneumatics.valve_condition import ValveAction
 from soro_hardware.emulation.air import Air
 from soro_hardware.emulation.faults.fault_types import OF_THE_AIR, Injection
@@ -15,7 +16,6 @@ from soro_hardware.emulation.faults.line_faults import ON_BYTES, LineFaults
 from soro_hardware.emulation.faults.schedule import Faults
 from soro_hardware.emulation.line import Line
 from soro_hardware.platform import PlatformBase
-from soro_hardware.port import Array
 
 LONGEST_STEP_NS = 20_000_000
 

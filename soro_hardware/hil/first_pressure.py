@@ -11,12 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_hardware.finding import Finding
 from soro_hardware.hil import measured
 from soro_hardware.hil.judge import judge_holds, judge_rest, judge_trip, judge_vent
 from soro_hardware.hil.paced import Sample
 from soro_hardware.hil.plan import NOT_EXAMINED, Order, Plan, ProcedureState
-from soro_hardware.port import Array
 
 # A chamber counts as empty below this pressure [Pa], or below this part of the pressure before the vent.
 EMPTY_PA, EMPTY_PART = 1e3, 0.1

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.pneumatics.regulator import RegulatorModel, initial_state, step, vent_time
 from soro_hardware.doctor import check_offsets
 from soro_hardware.finding import Finding
 from soro_hardware.hil.measured import Hold, Rest, Vent
-from soro_hardware.port import Array
 
 # Largest error of a level: absolute [Pa], plus a part of the set point.
 LEVEL_PA, LEVEL_PART = 500.0, 0.05

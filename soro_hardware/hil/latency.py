@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from pydantic import Field
 from scipy.optimize import least_squares
 
+from soro_core.arrays import Array
 from soro_core.config import Strict
 from soro_core.pneumatics.lag import follow
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_hardware.finding import Finding
 from soro_hardware.hil.measured import T63
 from soro_hardware.hil.paced import Sample
-from soro_hardware.port import Array
 
 # A reading has moved if it is beyond so many standard deviations of its noise, twice in a row.
 NOISE_STD = 4.0

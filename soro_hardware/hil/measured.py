@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_hardware.hil.paced import Sample
-from soro_hardware.port import Array
 
 # Last part of a phase for means, and for drifts.
 SETTLED_PART, DRIFT_PART = 1 / 3, 1 / 2

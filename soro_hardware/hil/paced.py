@@ -9,10 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core import safety
+from soro_core.arrays import Array, Flags
 from soro_core.safety.limits import BURST, OVER_PRESSURE
 from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.platform import PlatformBase
-from soro_hardware.port import Array, Flags, Regulator
+from soro_hardware.port import Regulator
 
 # Trip levels above the highest set point of a procedure [Pa]: with delay, and immediate.
 OVER_PA, BURST_PA = 10e3, 20e3

@@ -7,12 +7,12 @@ from typing import Literal, TypeAlias
 
 from pydantic import Field, field_validator
 
+from soro_core.arrays import Array
 from soro_core.config import Floats, Strict
 from soro_hardware.finding import Finding
 from soro_hardware.hil.judge import Expectation
 from soro_hardware.hil.measured import Hold, Rest, Vent
 from soro_hardware.hil.paced import Sample
-from soro_hardware.port import Array
 
 Phase: TypeAlias = Literal["rest", "confirm", "settle", "hold", "direction", "vent", "done"]
 Do: TypeAlias = Literal["hold", "vent", "reset"]

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
 from soro_hardware.hil.first_pressure import advance, interrupted
@@ -14,7 +15,6 @@ from soro_hardware.hil.judge import Bending, Expectation, judge_trip
 from soro_hardware.hil.paced import PacedRegulator, Sample
 from soro_hardware.hil.plan import FirstPressureConfig, Order, Plan, ProcedureState
 from soro_hardware.platform import PlatformBase
-from soro_hardware.port import Array
 
 COMPASS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
 

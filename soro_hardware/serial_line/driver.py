@@ -17,10 +17,11 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 import numpy as np
 
+from soro_core.arrays import Array, Flags
 from soro_core.errors import HardwareError
 from soro_hardware.driver import Driver
 from soro_hardware.finding import Finding
-from soro_hardware.port import Array, Fault, Flags
+from soro_hardware.port import Fault
 from soro_hardware.serial_line.config import SerialPlatform
 from soro_hardware.serial_line.line.channel import Channel
 from soro_hardware.serial_line.line.engine import LineEngine

@@ -15,10 +15,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import HardwareError
 from soro_hardware.finding import Finding
 from soro_hardware.link_driver import LinkDriver
-from soro_hardware.port import Array
 from soro_hardware.supervisor_client import VentPlan
 from soro_hardware.transport.tcp import ByteLink
 from soro_hardware.veab import protocol

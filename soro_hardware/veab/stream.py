@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from soro_hardware.port import Array
+from soro_core.arrays import Array
 from soro_hardware.transport.tcp import ByteLink, drain
 from soro_hardware.veab import protocol
 from soro_hardware.veab.config import VeabPlatform

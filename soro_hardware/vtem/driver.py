@@ -11,10 +11,10 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 
+from soro_core.arrays import Array, Flags
 from soro_core.errors import HardwareError
 from soro_hardware.finding import Finding
 from soro_hardware.link_driver import LinkDriver
-from soro_hardware.port import Array, Flags
 from soro_hardware.supervisor_client import VentPlan
 from soro_hardware.transport.tcp import ByteLink
 from soro_hardware.vtem.client import Client

@@ -12,8 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from soro_core.arrays import Array, Flags
 from soro_core.errors import HardwareError
-from soro_hardware.port import EMPTY_PA, Array, Flags
+from soro_hardware.port import EMPTY_PA
 from soro_hardware.vtem import registers
 from soro_hardware.vtem.client import Client
 from soro_hardware.vtem.config import VtemPlatform

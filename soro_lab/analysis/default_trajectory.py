@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.model import SoftArm
 from soro_lab.analysis.equilibrium_paths import place_at, rest_pressure, targets
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Bounds of the time that stands for one period of the slowest mode that swings [s].
 SHORTEST_S, LONGEST_S = 0.05, 1.0

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import stable_equilibrium
 from soro_lab.analysis.modes import LinearisedModes, modes
 from soro_lab.analysis.stiffness import TipStiffness, tangent_stiffness, tip_stiffness
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Resting places on a way, both ends included.
 POINTS = 9

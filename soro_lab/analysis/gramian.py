@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.integrate.state import State
 from soro_core.integrate.stepper import Stepper, make_stepper
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import stable_equilibrium
 from soro_lab.analysis.sensors import Candidate
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Longest step of the integration [s], and the largest number of windows.
 LONGEST_S, MOST_WINDOWS = 2.5e-3, 40

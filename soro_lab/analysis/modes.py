@@ -3,19 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 from scipy.optimize import linear_sum_assignment
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
 from soro_lab.analysis.stiffness import tip_jacobian
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Frequencies this close, relative, are one: any rotation of their shapes is a mode as well.
 SAME = 1e-6

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.config import parse, with_changes
 from soro_core.control.config import require_chambers
 from soro_core.errors import ConfigError
@@ -23,7 +22,6 @@ from soro_lab.analysis.stiffness import tip_jacobian
 from soro_lab.scene import Scene
 from soro_lab.trade.closed_loop import drive
 
-Array: TypeAlias = NDArray[np.float64]
 WHERE = "soro place-sensors"
 # Eigenvalues of a correlation below this are 0: the filter has no disturbance in that direction.
 _RANK = 1e-9

@@ -5,20 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import matplotlib
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.reachable_workspace import Reachable, shape
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
 from soro_lab.analysis.equilibrium_paths import Place, Way
 from soro_lab.analysis.modes import LinearisedModes
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Largest ellipse and largest displacement of a mode, parts of the length of the arm.
 _ELLIPSE, _MODE = 0.1, 0.15

@@ -7,15 +7,14 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from soro_core.arrays import Array
 from soro_core.config import Strict
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.model import SoftArm
 from soro_core.twin.config import TwinSection
 
-Array: TypeAlias = NDArray[np.float64]
 Rows: TypeAlias = Callable[[SoftArm, Array, float], Array]
 
 # Noise of a sensor that a scene does not describe, and of what a scene says not to use.

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.linear import solve
 from soro_core.model import SoftArm
 from soro_core.model.checks import refuse_underivable
 from soro_core.model.equilibrium.rest_forces import NEUTRAL, RestForces
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Compliances below this part of the largest are those of directions in which the model cannot move.
 RIGID = 1e-13

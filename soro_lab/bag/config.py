@@ -7,7 +7,7 @@ from typing import Literal
 from pydantic import Field
 
 from soro_core.config import Strings
-from soro_core.start_keys import StartKeys
+from soro_core.run_keys import StartKeys
 
 
 class RecorderConfig(StartKeys):

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_lab.excitation.plan import Plan
-from soro_lab.excitation.section import Array, ExcitationSegment
+from soro_lab.excitation.section import ExcitationSegment
 
 
 @dataclass(frozen=True)

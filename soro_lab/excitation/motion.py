@@ -8,13 +8,12 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.rotation import matrix_from_quaternion, rotation_log
 from soro_lab.excitation.config import MotionConfig
 
-Array: TypeAlias = NDArray[np.float64]
 Sample: TypeAlias = PoseSample | ImuSample
 
 # Half the default box, part of the arm's length.

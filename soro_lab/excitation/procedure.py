@@ -8,10 +8,10 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_lab.excitation.foresight import Warned
 from soro_lab.excitation.motion import IN_A_ROW, AtRest, MotionCriteria, Sample, at_rest, beyond, is_still
 from soro_lab.excitation.plan import Plan
-from soro_lab.excitation.section import Array
 
 Phase: TypeAlias = Literal["running", "venting", "over"]
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 # Part of a sweep in which its amplitude grows, and in which it falls again.
 TAPER = 0.05

@@ -11,8 +11,9 @@ from itertools import combinations
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_lab.excitation.config import ExciteConfig, Stage
-from soro_lab.excitation.section import Array, ExcitationSegment, Sweep
+from soro_lab.excitation.section import ExcitationSegment, Sweep
 from soro_lab.excitation.supply import Supply
 
 # Levels are this power of even ones: an arm bends most at the first pressures.

@@ -10,9 +10,10 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator, ScalarFormatter
 
+from soro_core.arrays import Array
 from soro_lab.identification.regulator_fit import GOOD, AirFit
 from soro_lab.identification.steps import Step
-from soro_lab.identification.valves import Array, grid
+from soro_lab.identification.valves import grid
 
 STYLES = ("C7:", "C0--", "C3-", "C2-.", "C4-")
 DOT = {"marker": ".", "linestyle": "none", "markersize": 3, "alpha": 0.5}

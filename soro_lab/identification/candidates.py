@@ -14,11 +14,10 @@ from contextlib import closing
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import SoroError
 
-Array: TypeAlias = NDArray[np.float64]
 Values: TypeAlias = Mapping[str, float]
 
 

@@ -4,16 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_lab.identification.candidates import Values, residuals_or_none
 from soro_lab.identification.search import LOSSES, Loss, Search, SearchResult, Settings
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

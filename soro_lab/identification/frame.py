@@ -8,12 +8,11 @@ but not part of the model.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 # Iterations of re-weighting; each reduces the weight of outliers, 20 converge to 1e-6.
 _ROUNDS = 20

@@ -11,11 +11,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.pneumatics.chamber import chamber_pressures, make_gas, masses_at
 from soro_core.pneumatics.valve_model import ValveModel
@@ -23,8 +22,6 @@ from soro_lab.identification.candidates import Values
 from soro_lab.identification.fit import Fit, Parameter, fit
 from soro_lab.identification.records import read_columns
 from soro_lab.identification.steps import crossing
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Full duty cycle in recordings, 8 bit.
 FULL = 255.0

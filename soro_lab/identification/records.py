@@ -8,15 +8,12 @@ from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.csv_rows import CsvRows, number_of, quoted
 from soro_core.errors import ConfigError
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Time [s] by which a late row may be older than the one before; a clock that was set falls back by more.
 LATE_S = 0.1

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import yaml
 
+from soro_core.arrays import Array
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_lab.identification.fit import Fit
 from soro_lab.identification.steps import Step
 from soro_lab.identification.valves import (
-    Array,
     FlowModel,
     Judged,
     Response,

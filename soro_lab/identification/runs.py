@@ -6,19 +6,16 @@ link. A release starts from a curvature that is uniform along the link.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot.coordinates import StrainFields, strain_fields
 from soro_lab.identification.records import ForcedRun
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def forced_curvature(arm: SoftArm, run: ForcedRun, dt: float = 0.02, link: int = 0) -> tuple[Array, Array]:

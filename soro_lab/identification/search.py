@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from soro_core.arrays import Array
 from soro_lab.identification.candidates import slopes
 from soro_lab.identification.interrupts import searching
 
-Array: TypeAlias = NDArray[np.float64]
 Loss: TypeAlias = Literal["linear", "soft_l1", "huber", "cauchy"]
 
 LOSSES: dict[str, tuple[Callable[[Array], Array], ...]] = {

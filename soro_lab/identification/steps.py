@@ -12,17 +12,14 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array, Flags
 from soro_core.csv_rows import quoted
 from soro_core.errors import ConfigError
 from soro_lab.identification.records import read_columns
-
-Array: TypeAlias = NDArray[np.float64]
-Mask: TypeAlias = NDArray[np.bool_]
 
 T63 = 1.0 - np.exp(-1.0)
 """Part of a step that the response of a first-order lag reaches after one time constant."""
@@ -50,7 +47,7 @@ class PressureRecord:
     setpoint: Array
     pressure: Array
 
-    def fresh(self) -> Mask:
+    def fresh(self) -> Flags:
         """Return which rows hold a new reading, (n_t,): rows in which the reading of a line changes."""
         changed = np.diff(np.nan_to_num(self.pressure), axis=0) != 0.0
         return np.concatenate([[True], changed.any(axis=1)])
@@ -248,7 +245,7 @@ def _changes(t: Array, setpoint: Array, flicker_s: float) -> Iterator[_Rows]:
         begin = int(group[-1])
 
 
-def _step(record: PressureRecord, line: int, rows: _Rows, fresh: Mask, limits: StepLimits) -> Step | str:
+def _step(record: PressureRecord, line: int, rows: _Rows, fresh: Flags, limits: StepLimits) -> Step | str:
     """Return the step, or the reason why it is left out; "" if the set point returns to its old value."""
     t, reading = record.t - record.t[rows.start], record.pressure[:, line]
     before, after = (float(record.setpoint[row, line]) for row in (rows.first - 1, rows.start))

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.pneumatics.chamber import AMBIENT_PA, chamber_pressures, make_gas, masses_at
 from soro_core.pneumatics.regulator import RegulatorModel, RegulatorState
@@ -27,7 +27,6 @@ from soro_lab.identification.candidates import Values
 from soro_lab.identification.fit import Fit, Parameter, fit
 from soro_lab.identification.steps import Step, crossing
 
-Array: TypeAlias = NDArray[np.float64]
 Response: TypeAlias = tuple[Array, Array]
 """Times (n_t,) [s] and gauge pressures (n_t, n_steps) [Pa]."""
 

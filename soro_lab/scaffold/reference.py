@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.motions.kinematics import elongation_for_pressure
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
@@ -16,8 +15,6 @@ from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import StrainFields, strain_fields
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Bend of a link and of the whole arm on the circle, at most [rad].
 LINK_BEND, ARM_BEND = 0.8, 1.2

@@ -12,9 +12,8 @@ from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, contradictions
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.pneumatics.regulator import RegulatorModel
-from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, PlaceKeys, Priority, RobotKeys
+from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, PlaceKeys, Priority, RobotKeys, StartKeys
 from soro_core.safety import Limits
-from soro_core.start_keys import StartKeys
 from soro_hardware import PlatformBase, load_platform
 from soro_lab.excitation.config import ExciteConfig
 

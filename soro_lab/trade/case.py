@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
@@ -18,8 +17,6 @@ from soro_core.robot.coordinates import strain_fields
 from soro_lab.identification import ForcedRun, read_forced
 from soro_lab.scene import Scene
 from soro_lab.trade.closed_loop import drive
-
-Array: TypeAlias = NDArray[np.float64]
 
 SAMPLE_S = 0.02  # of all traces; time steps divide it
 TICK_S = 0.005

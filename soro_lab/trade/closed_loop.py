@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.config import with_changes
 from soro_core.robot import Discretisation
 from soro_core.twin import Twin, TwinConfig
 from soro_lab.scene import Scene
 from soro_lab.scene.loop import loop_of
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,16 @@ from __future__ import annotations
 import contextlib
 import time
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import eigh
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_lab.trade.case import SAMPLE_S, Case
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Candidates above this CPU time of a simulated second [s] are left out, judged by the first `PILOT_S` [s].
 SLOWEST = 5.0

@@ -7,13 +7,11 @@ from typing import Annotated
 
 import numpy as np
 import typer
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.motions.tip_path import arc, corners
 from soro_core.errors import ConfigError
 from soro_ros.commands.services import COMMANDS, one_node, service_caller
-
-Array = NDArray[np.float64]
 
 # Numbers below zero are no options.
 CONTEXT = {"ignore_unknown_options": True}

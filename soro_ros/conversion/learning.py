@@ -10,14 +10,12 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, MultiArrayLayout
 
 from soro_core.adaptation import Learned
 from soro_core.control.laws import Certainty
 from soro_ros.conversion import messages
-
-Array = NDArray[np.float64]
 
 _STAMP = 2
 _MOST_TIME = 2.0**32  # of seconds and nanoseconds of a ROS time

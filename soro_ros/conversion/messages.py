@@ -9,13 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from sensor_msgs.msg import Imu, JointState
 
+from soro_core.arrays import Array
 from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
-
-Array = NDArray[np.float64]
 
 # Clocks of two computers differ by less.
 _APART_NS = 1_000_000_000

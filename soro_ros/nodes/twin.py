@@ -7,10 +7,10 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
 from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
@@ -26,8 +26,6 @@ from soro_ros.run.faults import FaultInterface
 from soro_ros.topics.chambers import ChamberInterface
 from soro_ros.topics.diagnostics import OK
 from soro_ros.topics.twin_topics import TwinTopics
-
-Array = NDArray[np.float64]
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20

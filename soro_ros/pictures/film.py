@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.config import find_config
 from soro_core.errors import BagError
 from soro_core.model.discretised import discretised
@@ -23,7 +24,6 @@ from soro_ros.view.arm_shape import COLOURS, Camera, chambers, places, surface, 
 if TYPE_CHECKING:
     from matplotlib.collections import PolyCollection
 
-Array = NDArray[np.float64]
 
 TRACE_S = 4.0
 _SIZE_IN = (8.0, 4.5)

@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_lab.scene import Scene
 from soro_ros.recordings.events import Event
 from soro_ros.recordings.recording import Recording, Series
-from soro_ros.recordings.report import WINDOW_S, Array, tip_error, within
+from soro_ros.recordings.report import WINDOW_S, tip_error, within
 from soro_ros.view.arm_shape import COLOURS
 
 # Estimates of a law that belong to the matrix W of a learned force.

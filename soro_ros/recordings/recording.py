@@ -9,15 +9,13 @@ from pathlib import Path
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
+from soro_core.arrays import Array
 from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion import messages
 from soro_ros.conversion.decoding import Messages
 from soro_ros.recordings.events import Event, Said, clock, events_of
-
-Array = NDArray[np.float64]
 
 _TYPES = {
     "sensor_msgs/msg/JointState": JointState,

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
+from soro_core.arrays import Array
 from soro_core.control.pressures import actuation
 from soro_lab.scene import Scene
 from soro_ros.recordings import shadow_report
 from soro_ros.recordings.events import Event
 from soro_ros.recordings.recording import Recording, Series, read
-
-Array = NDArray[np.float64]
 
 # Length [s] of the windows that are compared: the start of the adaptation, and the end of the run.
 WINDOW_S = 5.0

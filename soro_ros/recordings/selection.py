@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 
+from soro_core.arrays import Array
 from soro_core.errors import BagError, ConfigError
 from soro_lab.bag import BagReader, Topic
 from soro_ros.conversion.decoding import Messages
@@ -18,7 +19,6 @@ from soro_ros.conversion.units import unit_of
 from soro_ros.recordings.convert import wanted
 from soro_ros.recordings.differences import stamp_of
 from soro_ros.recordings.events import clock
-from soro_ros.recordings.report import Array
 
 # What a picture can show; more is a mistake.
 MOST_LINES = 400

@@ -8,7 +8,6 @@ from functools import partial
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from numpy.typing import NDArray
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
@@ -16,13 +15,12 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
+from soro_core.arrays import Array
 from soro_core.safety import Limiter
 from soro_ros.conversion import messages, qos
 from soro_ros.host import pulse
 from soro_ros.topics.command_topic import CommandTopic
 from soro_ros.topics.diagnostics import ERROR, NONE, OK, VENTED, WARN
-
-Array = NDArray[np.float64]
 
 
 class ChamberInterface:

@@ -7,13 +7,11 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from soro_core.arrays import Array
 from soro_ros.conversion import learning, messages
-
-Array = NDArray[np.float64]
 
 
 class TickInput(NamedTuple):

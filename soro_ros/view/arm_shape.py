@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from math import cos, isnan, pi, radians, sin
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.robot import Robot
-
-Array = NDArray[np.float64]
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Colours of the chambers, in their order; colour-blind people can distinguish them (Okabe and Ito)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from soro_core.start_keys import StartKeys
+from soro_core.run_keys import StartKeys
 
 
 class ViewerConfig(StartKeys):

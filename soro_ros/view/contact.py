@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.robot import Robot
 from soro_ros.view.arm_shape import between
-
-Array = NDArray[np.float64]
 
 
 def touching(robot: Robot, backbone: Array) -> Array:

@@ -21,12 +21,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker
 
+from soro_core.arrays import Array
 from soro_core.robot import Robot
 from soro_lab.scene import MarkersConfig
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.marker_bytes import MarkerBytes
 from soro_ros.topics.ports import Input, Inputs
-from soro_ros.view.arm_shape import Array, between
+from soro_ros.view.arm_shape import between
 from soro_ros.view.skin import Skin
 
 TOPIC = "arm/markers"

@@ -10,13 +10,11 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
+from soro_core.arrays import Array
 from soro_ros.conversion import messages
 from soro_ros.topics.diagnostics import VENTED
-
-Array = NDArray[np.float64]
 
 BACKBONE, TIP, WANTED = "arm/backbone", "arm/tip", "arm/desired/tip"
 PRESSURES, LATCH = "chambers/state", "chambers/latch"

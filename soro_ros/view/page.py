@@ -7,8 +7,8 @@ from typing import Any, TypeVar
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.robot import Robot
 from soro_core.rotation import quaternion_from_matrix
 from soro_ros.view.contact import touching, turned_to
@@ -16,7 +16,6 @@ from soro_ros.view.moment import Moment
 from soro_ros.view.plots import Plots
 from soro_ros.view.skin import Skin
 
-Array = NDArray[np.float64]
 Value = TypeVar("Value")
 
 _REFERENCE, _TIP, _CONTACT, _OBSTACLE = (140, 146, 156), (193, 18, 31), (255, 120, 0), (150, 160, 175)

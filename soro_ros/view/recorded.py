@@ -10,9 +10,9 @@ from pathlib import Path
 
 import numpy as np
 import viser
-from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
+from soro_core.arrays import Array
 from soro_core.errors import BagError
 from soro_core.robot import Discretisation, Robot
 from soro_lab.bag import BagMessage, BagReader
@@ -20,7 +20,6 @@ from soro_ros.conversion.decoding import Messages
 from soro_ros.view.moment import BACKBONE, DIAGNOSTICS, PRESSURES, STALE_S, TOPICS, Moment, Received
 from soro_ros.view.page import Page, set_value
 
-Array = NDArray[np.float64]
 Shape = Callable[[Array], Array]
 
 _STATE = "arm/state"

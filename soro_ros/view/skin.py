@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.robot import Robot
-from soro_ros.view.arm_shape import Array, between, bodies, full_part, shade
+from soro_ros.view.arm_shape import between, bodies, full_part, shade
 
 
 class Skin:

@@ -15,7 +15,7 @@ NODE = textwrap.dedent(
     """
     from pydantic import Field
     from soro_core.config import Floats, Strict
-    from soro_core.start_keys import StartKeys
+    from soro_core.run_keys import StartKeys
     from soro_ros.process.lifecycle import SoroNode
     from soro_ros.process.node_process import run_node
 

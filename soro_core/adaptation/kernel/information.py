@@ -8,15 +8,12 @@ With the residual r and the regressor Phi of a sample of noise S, both of a low-
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import entry, inner
+from soro_core.arrays import Array
 from soro_core.model.links.linear import lu_factor, lu_solve_rows
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Information whose condition is worse than this is singular.
 _SINGULAR = 1e14

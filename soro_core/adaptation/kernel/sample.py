@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import entry
+from soro_core.arrays import Array
 from soro_core.model.dynamics import GOOD, NOT_FINITE, add_damping_force, check, finite, motion_forces
 from soro_core.model.forces.chambers import acting
 from soro_core.model.forces.internal import add_internal_force
 from soro_core.model.method import tip_mass_force
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @entry

@@ -7,16 +7,13 @@ admissible even if the iterations run out; the problem is strictly convex, so th
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core._jit import entry, inner
+from soro_core.arrays import Array, Flags
 from soro_core.model.links.linear import lu_factor, lu_solve
-
-Array: TypeAlias = NDArray[np.float64]
-Flags: TypeAlias = NDArray[np.bool_]
 
 TOLERANCE = 1e-9
 # Rows of H smaller than this part of the largest one of their kind are round-off: the sine of pi is 1e-16.

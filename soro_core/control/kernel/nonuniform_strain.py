@@ -11,21 +11,19 @@ and, on the right of the same system, for their derivatives by m and by q.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import entry, inner, kernel
+from soro_core.arrays import Array
 from soro_core.model.dynamics import GOOD, SINGULAR, check, motion_forces
 from soro_core.model.exact import link_ends, tip_mass_force
 from soro_core.model.links.linear import clear_matrix, lu_factor, lu_solve_rows
 from soro_core.model.method import make_work
 from soro_core.model.tables import Tables
 from soro_core.model.work import Arm
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Coefficients of each strain: its mean along the link, and the slope.
 TERMS = 2

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Made, Preview, Setting, Terms
 from soro_core.control.passivity.adaptive import Terms as LawTerms
 from soro_core.control.passivity.adaptive import adapt, law
 from soro_core.control.passivity.parameters import ParameterSet
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.laws.protocol import ArmBelief, Law, Preview, Terms
 from soro_core.errors import ModelError, SoroError
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def call_law(

@@ -9,23 +9,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learner import Learner, LearnerState, Sample
 from soro_core.adaptation.nonuniform_force import UnevenForce
+from soro_core.arrays import Array
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
 from soro_core.control.nonuniform_strain import Uneven, UnevenShape, bends_unevenly
 from soro_core.control.reference.trajectory import Point
 from soro_core.frozen import replaced
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Time between samples of the learner, and between steps of the non-uniform strain [s]: both change slowly. A
 # loop of 250 Hz or less takes each at every tick, a faster one at ticks of their own in turns.

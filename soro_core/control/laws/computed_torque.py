@@ -8,16 +8,13 @@ and moves slowly; where the lag of the regulators loses the arm, it is refused.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from soro_core.arrays import Array
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class ComputedTorqueOptions(LawOptions):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, ClassVar, Generic, TypeAlias, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.config import Strict
 
 if TYPE_CHECKING:  # a scene reads a law's keys without its model
@@ -22,7 +23,6 @@ if TYPE_CHECKING:  # a scene reads a law's keys without its model
     from soro_core.model import SoftArm
     from soro_core.robot.coordinates import StrainFields
 
-Array: TypeAlias = NDArray[np.float64]
 
 # Generalised forces, errors and the like by name, each (n_q,).
 Terms: TypeAlias = Mapping[str, Array]

@@ -10,16 +10,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from soro_core.arrays import Array
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
 from soro_core.linear import inverse
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class TipPidOptions(LawOptions):

@@ -7,11 +7,9 @@ rest, and a path that is too fast is refused.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.motion import finished
 from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion, ToRest
@@ -22,8 +20,6 @@ from soro_core.control.reference.reference_transition import Bounds
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Samples of a leg at which the rates of strain are taken.
 _SAMPLES = 64

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.pressures.allocation import allocate, balanced_weight
 from soro_core.control.pressures.effective_pressure import effective_pressure_of
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
 from soro_core.rotation import matrix_from_quaternion, rotation_log
-
-Array: TypeAlias = NDArray[np.float64]
 
 # The search ends after _SLOW_STEPS steps in a row that each leave more than _SLOW of the squared error: near
 # a solution the error falls much faster, and a pose out of reach must not delay the loop.

@@ -8,11 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion
 from soro_core.control.motions.motion_time import ON_THE_WAY
@@ -21,8 +20,6 @@ from soro_core.control.motions.path_coordinates import Planning
 from soro_core.control.motions.resting_shape import Shape
 from soro_core.control.motions.speed_law import SpeedLaw
 from soro_core.control.reference.trajectory import Circle, Reference, Waypoints
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Pieces of a way, at whose ends the shape is found; samples that are looked at in one step; most of them.
 _FEWEST, _AT_ONCE, _MOST = 8, 16, 20_000

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.lookout import Lookout, line, ways_along
 from soro_core.control.motions.motion_error import MotionError
@@ -28,7 +28,6 @@ from soro_core.control.reference.trajectory import Point
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-Array: TypeAlias = NDArray[np.float64]
 Result = TypeVar("Result")
 
 # Points of the way to the path at which its pressures are taken at rest.

@@ -6,18 +6,16 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.motions.speed_law import SpeedLaw
 from soro_core.control.reference.trajectory import Hold, Point, Reference
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 class MotionSegment(Protocol):

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.motion_error import MotionError
@@ -15,8 +13,6 @@ from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, Slo
 from soro_core.control.motions.path_coordinates import Planning
 from soro_core.control.motions.pressure_feasibility import PressureSupply, Rates, rates
 from soro_core.control.reference.reference_transition import Bounds
-
-Array: TypeAlias = NDArray[np.float64]
 
 ON_THE_WAY = "on the way to the first pose"
 # Samples of a part at which rates of strain and the speed of the tip are taken.

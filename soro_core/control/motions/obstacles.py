@@ -8,16 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.motions.path_coordinates import listed
 from soro_core.control.nonuniform_strain import Uneven, bends_unevenly
 from soro_core.model import SoftArm
-
-Array: TypeAlias = NDArray[np.float64]
 
 # How much nearer an obstacle may come between samples [m].
 ERROR_M = 5e-5

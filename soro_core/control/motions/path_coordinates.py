@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.kinematics import inverse_kinematics
 from soro_core.control.motions.motion_error import MotionError
@@ -19,7 +19,6 @@ from soro_core.robot.coordinates import StrainFields
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-Array: TypeAlias = NDArray[np.float64]
 Result = TypeVar("Result")
 Planning: TypeAlias = Generator[None, None, Result]
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import Law
 from soro_core.control.motions.motion_parts import MotionSegment
@@ -17,8 +17,6 @@ from soro_core.control.pressures.allocation import Allocation, balanced_weight
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
-
-Array: TypeAlias = NDArray[np.float64]
 
 # A force counts as made if less is missing, each strain's force expressed as a pressure [Pa].
 _MADE_PA = 200.0

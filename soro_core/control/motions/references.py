@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.control.motions.configured_path import configured_path
 from soro_core.control.motions.kinematics import elongation_for_pressure, inverse_kinematics
@@ -19,8 +18,6 @@ from soro_core.control.reference.trajectory import Circle, Hold, Reference, Wayp
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def bounds_of(fields: StrainFields, config: ReferenceConfig, pieces: int) -> Bounds:

@@ -7,19 +7,17 @@ links non-uniformly; and coordinates that no chamber drives rest where forces ba
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.laws.protocol import Law
 from soro_core.control.nonuniform_strain import Uneven
 from soro_core.control.reference.trajectory import Point
 from soro_core.control.reference.underactuation import UnderactuatedReference
 from soro_core.errors import SoroError
 from soro_core.model import SoftArm
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Steps of Newton towards the shape: from none, and from that of the coordinates before.
 _FIRST_STEPS, _STEPS = 12, 2

@@ -11,18 +11,17 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_exp, rotation_log
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-Array: TypeAlias = NDArray[np.float64]
 
 WHERE = "path"
 # Positions that differ by less [m] are equal.

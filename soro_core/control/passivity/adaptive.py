@@ -20,15 +20,12 @@ of the state.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.passivity.parameters import ParameterSet
 from soro_core.control.reference.trajectory import Point
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,13 @@ others keep the values of the robot file.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.config import follow_rate, mass_prior
 from soro_core.adaptation.scales import scales_of
+from soro_core.arrays import Array
 from soro_core.config import parse
 from soro_core.control.passivity.adaptation_config import Adaptation, CompleteAdaptation
 from soro_core.control.passivity.projection import Pair, Polytope
@@ -23,7 +23,6 @@ from soro_core.robot.coordinates import STRETCHES, StrainFields, strain_fields
 if TYPE_CHECKING:  # a scene reads a law's keys without its model
     from soro_core.model import SoftArm
 
-Array: TypeAlias = NDArray[np.float64]
 
 _ELASTIC = ("a1", "a2", "a4", "a5")
 

@@ -9,12 +9,10 @@ Lyapunov function.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,7 @@ controller file may state values of its own; keys that it leaves out are derived
 
 from __future__ import annotations
 
-from typing import Any, TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 from soro_core.config import parse
 from soro_core.control.config import Pressures
@@ -17,8 +14,6 @@ from soro_core.errors import ConfigError
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.robot import Robot
 from soro_core.safety.limits import Limits
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Loop rate where no other is given [Hz].
 DEFAULT_RATE_HZ = 200.0

@@ -8,15 +8,13 @@ minimise |A (H p - f)|^2 + rho |p - p_0|^2  with  minimum <= p <= maximum,   doc
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.kernel import allocation as kernel
 from soro_core.robot.coordinates import StrainFields
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

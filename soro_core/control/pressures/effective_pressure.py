@@ -11,15 +11,12 @@ line goes on, for searches beyond the bounds.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

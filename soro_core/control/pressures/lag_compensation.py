@@ -9,12 +9,9 @@ but it amplifies noise of w by tau / tau_f, and corrects neither a dead time nor
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 
 def compensate(

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.pressures.actuation import CompletePressures, pressure_bounds
 from soro_core.control.pressures.allocation import Allocation, allocate, balanced_weight
 from soro_core.control.pressures.effective_pressure import check_dead_bands, effective_pressure_of
@@ -17,8 +17,6 @@ from soro_core.frozen import replaced
 from soro_core.pneumatics.lag import follow as follow_lag
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import StrainFields
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Margin of a wide search, in ranges of the set points; regularised as before it would keep to the range.
 _WIDE, _WIDE_REGULARISATION = 1e3, 1e-12

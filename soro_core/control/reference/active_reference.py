@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.reference.reference_transition import Bounds, Passage, advance, begin, point, redirect
 from soro_core.control.reference.trajectory import Hold, Point, Reference
 from soro_core.frozen import replaced
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Part of the limit of a strain within which a passage has arrived.
 _ARRIVED = 1e-3

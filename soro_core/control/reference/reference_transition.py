@@ -15,16 +15,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.control.reference.trajectory import Blend, Hold, Point, Reference
 from soro_core.frozen import replaced
 from soro_core.robot.coordinates import StrainFields
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Part of a strain limit below which the distance from the target counts as zero.
 _NEGLIGIBLE = 1e-12

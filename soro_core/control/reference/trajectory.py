@@ -6,14 +6,11 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Samples between two waypoints, both included, at which strains and rates are checked.
 _SAMPLES = 11

@@ -12,18 +12,15 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.adaptation.scales import q_scale_of
+from soro_core.arrays import Array
 from soro_core.control.reference.trajectory import Point
 from soro_core.linear import solve
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
-
-Array: TypeAlias = NDArray[np.float64]
 
 # A direction is driven if H is above this part of its largest singular value: the sine of pi is 1e-16.
 _ROUND_OFF = 1e-9

@@ -9,20 +9,15 @@ this before.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.estimation.kernel.parts import AFTER, BEFORE, NIS, NIS_OF_POSITION, POSE, FilterArm
 from soro_core.estimation.kernel.predict import predict
 from soro_core.estimation.kernel.update import FUSED, OUTLIER, fuse
 from soro_core.model.dynamics import GOOD, finite
 from soro_core.model.links.linear import assign, assign_matrix, clear
 from soro_core.model.tables import Site
-
-Array: TypeAlias = NDArray[np.float64]
 
 # What becomes of a sample, beside the codes of an update: refused as frozen; fused after a restart of the
 # belief; without a result after one.

@@ -8,18 +8,12 @@ in the middle and at the end by Simpson's rule.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.estimation.kernel.motion import step_system
 from soro_core.estimation.kernel.parts import OF_DRIFT, OF_RATE, FilterArm
 from soro_core.model.dynamics import GOOD, NOT_FINITE, SINGULAR, finite
 from soro_core.model.links.linear import assign_matrix, clear, clear_matrix, lu_solve_rows
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
+from soro_core.arrays import Array
 from soro_core.estimation.kernel import advance as advancing
 from soro_core.estimation.kernel import motion
 from soro_core.estimation.kernel import predict as prediction
@@ -25,8 +23,6 @@ from soro_core.model.forces.chambers import add_pressure_force
 from soro_core.model.links.linear import assign, assign_matrix, clear
 from soro_core.model.method import kinematics, make_work
 from soro_core.model.tables import Site, Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @kernel

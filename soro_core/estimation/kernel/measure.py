@@ -3,18 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.estimation.kernel.parts import IMU, IMU_ORIENTED, POSE, FilterArm
 from soro_core.model.links.linear import clear_matrix
 from soro_core.model.method import kinematics
 from soro_core.model.tables import Site
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Below this angle [rad] the closed form loses digits; its series is exact to round-off there.
 _SMALL = 1e-4

@@ -14,13 +14,10 @@ taken from the first velocity alone, they would drive modes faster than the step
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.estimation.kernel.parts import FilterArm, NoRoom
 from soro_core.model.derivative import equation
 from soro_core.model.derivative.work import BY_Q, BY_V, DerivativeWork
@@ -29,8 +26,6 @@ from soro_core.model.forces.internal import advance_internal
 from soro_core.model.links.linear import assign, clear, lu_factor, lu_solve
 from soro_core.model.method import acceleration, kinematics
 from soro_core.model.tables import CREEP
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Corrections of a step, of which a running filter needs one; and the change of q in the last, as a strain.
 _CORRECTIONS, _SAME = 6, 3e-5

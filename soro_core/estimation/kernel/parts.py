@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array, Integers
 from soro_core.model.derivative.work import DerivativeWork
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Work
-
-Array: TypeAlias = NDArray[np.float64]
-Integers: TypeAlias = NDArray[np.int64]
 
 # Most components of one sample: angular velocity, orientation and direction of gravity of an IMU.
 MOST_ROWS = 9

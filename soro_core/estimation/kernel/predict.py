@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.estimation.kernel import covariance as spread
 from soro_core.estimation.kernel import motion
 from soro_core.estimation.kernel.parts import FilterArm
 from soro_core.model.dynamics import COLLAPSED, GOOD
 from soro_core.model.links.linear import assign, assign_matrix
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Most parts of a step: an arm that a wrong update has thrown far out springs back fast.
 _MOST_PARTS = 16

@@ -7,29 +7,16 @@ H has columns by q and qd alone, and at most nine rows, so that the Joseph form
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array, Integers
 from soro_core.estimation.kernel.covariance import symmetric
 from soro_core.estimation.kernel.measure import measure
 from soro_core.estimation.kernel.motion import limit
-from soro_core.estimation.kernel.parts import (
-    AFTER,
-    BEFORE,
-    NIS,
-    NIS_OF_POSITION,
-    POSE,
-    FilterArm,
-    Integers,
-)
+from soro_core.estimation.kernel.parts import AFTER, BEFORE, NIS, NIS_OF_POSITION, POSE, FilterArm
 from soro_core.model.dynamics import finite
 from soro_core.model.links.linear import assign, lu_factor, lu_solve, lu_solve_rows
 from soro_core.model.tables import Site
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Codes of an update.
 FUSED, OUTLIER, FAILED = 0, 1, 2

@@ -11,11 +11,11 @@ once:
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.linear import inverse
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from soro_core.estimation.config import EstimatorConfig
     from soro_core.model import SoftArm
 
-Array: TypeAlias = NDArray[np.float64]
 
 # Deviations of the prior: a delay of 0.1 s, a load of twice the arm's own mass, which is also its bound, a
 # shift of the frame by 0.1 mm, and an arm 30 % softer or stiffer.

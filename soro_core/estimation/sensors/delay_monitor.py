@@ -6,11 +6,11 @@ The tick of the filter does nothing for it: whoever steps the filter keeps the s
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.estimation.kernel.advance import FUSED_POSES, RESIDUALS
 from soro_core.estimation.sensors.delay import DelayFit, DelayModel, Instant
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from soro_core.estimation.state import EstimatorState, Segment
     from soro_core.model import SoftArm
 
-Array: TypeAlias = NDArray[np.float64]
 
 # Time between two looks [s].
 PERIOD_S = 0.1

@@ -8,9 +8,8 @@ from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 # No sensor on an arm reads more [m, rad/s, m/s^2]; finite numbers near the largest overflow in the filter.
 _MOST = 1e6

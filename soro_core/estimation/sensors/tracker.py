@@ -9,16 +9,13 @@ cross-section (R, p), as `Calibration` states them:
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.estimation.sensors.samples import PoseSample
 from soro_core.robot import Calibration, Robot
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix
-
-Array: TypeAlias = NDArray[np.float64]
 
 # A body belongs to the samples of this part of the length of the arm around it: places are rounded in files.
 _SAME_PLACE = 1e-3

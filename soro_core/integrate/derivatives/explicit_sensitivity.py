@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.integrate.derivatives.sensitivity import STAGE, START, Q, Sensitivity, V, solve_stage
 from soro_core.integrate.system import StepWork
 from soro_core.model.derivative.equation import equation_derivatives
@@ -16,8 +13,6 @@ from soro_core.model.derivative.work import DerivativeWork
 from soro_core.model.forces.internal import BY_SECOND
 from soro_core.model.links.linear import assign, assign_matrix, clear
 from soro_core.model.tables import CREEP, Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.integrate.derivatives.sensitivity import (
     A_START,
     LAST,
@@ -28,8 +24,6 @@ from soro_core.model.derivative.work import DerivativeWork
 from soro_core.model.forces.internal import internal_slopes
 from soro_core.model.links.linear import assign, assign_matrix, clear
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

@@ -6,21 +6,18 @@ by the parameters (q, qd, internal, p) of the step, a row a parameter.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._box import Box
 from soro_core._jit import inner, kernel
+from soro_core.arrays import Array, Integers
 from soro_core.integrate.system import MOST_STAGES
 from soro_core.model.derivative.work import BY_A, BY_Q, BY_V, DerivativeWork
 from soro_core.model.forces.internal import BY_FIRST, BY_SECOND, BY_START
 from soro_core.model.links.linear import lu_factor, lu_solve
 from soro_core.model.tables import CREEP, Tables
-
-Array: TypeAlias = NDArray[np.float64]
-Integers: TypeAlias = NDArray[np.int64]
 
 # First index of the sensitivities: start of the step, stage before, present stage.
 START, LAST, STAGE = 0, 1, 2

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from soro_core._box import Box, view
 from soro_core._jit import entry, inner
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.integrate.derivatives.explicit_sensitivity import follow_explicit
 from soro_core.integrate.derivatives.implicit_sensitivity import follow_implicit
@@ -25,7 +26,6 @@ from soro_core.pneumatics.valve_model import ValveModel
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
 
-Array: TypeAlias = NDArray[np.float64]
 
 # Code of a step that was damped, divided or corrected, beside those of `soro_core.model.dynamics`.
 OTHER_STEP = 30

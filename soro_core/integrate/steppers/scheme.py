@@ -6,14 +6,12 @@ Feeds kernels: the cache of soro_core._jit depends on this file too.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
-
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 # Largest error of q after Newton's iteration, relative to its scale (1 for strains, 1 / L for curvatures).
 # The error has a sign: with 1e-11, its sum over ten thousand midpoint steps is a drift of the energy.

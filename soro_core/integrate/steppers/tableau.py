@@ -5,12 +5,11 @@ Feeds kernels: the cache of soro_core._jit depends on this file too.
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 
 class Tableau(NamedTuple):

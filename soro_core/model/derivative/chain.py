@@ -7,12 +7,8 @@ coordinates.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.derivative.curvature import curve_constant, curve_varying
 from soro_core.model.derivative.link import pass_constant, pass_varying
 from soro_core.model.derivative.slice import add_block, add_outer, add_turned
@@ -32,8 +28,6 @@ from soro_core.model.links.lie import add, dot6, wrench_to_parent
 from soro_core.model.links.linear import clear, clear_matrix
 from soro_core.model.links.sweep import start
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

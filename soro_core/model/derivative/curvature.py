@@ -6,19 +6,13 @@ from the left, with one recursion for all coordinates: Psi_n = a_n f + ad_Omega'
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.derivative.link import COMMUTATOR
 from soro_core.model.derivative.work import ADDED, BY_Q, START, UNIT, UNIT_BRACKET, DerivativeWork
 from soro_core.model.links.lie import ad, add_coad, dot6
 from soro_core.model.links.linear import clear
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

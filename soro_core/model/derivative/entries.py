@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._box import Box, view
 from soro_core._jit import entry, kernel
+from soro_core.arrays import Array
 from soro_core.model.derivative import equation
 from soro_core.model.derivative.work import derivative_workspace
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @kernel

@@ -7,12 +7,9 @@ H p - J_tip' wrench, is zero, so its derivatives are those of the acceleration t
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.derivative.chain import inverse_derivatives
 from soro_core.model.derivative.work import BY_A, BY_Q, BY_V, DerivativeWork
 from soro_core.model.dynamics import GOOD, NOT_FINITE, SINGULAR
@@ -21,8 +18,6 @@ from soro_core.model.forces.elasticity import add_stiffness
 from soro_core.model.links.articulated import cholesky
 from soro_core.model.links.linear import clear, clear_matrix
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

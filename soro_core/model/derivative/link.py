@@ -8,12 +8,9 @@ needs no terms of its own.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.derivative.rates import add_bracket, along, begin, bracket, carry, coefficients, combine
 from soro_core.model.derivative.slice import add_slice
 from soro_core.model.derivative.work import (
@@ -38,8 +35,6 @@ from soro_core.model.links.linear import assign, assign_matrix, clear, clear_mat
 from soro_core.model.links.link import node, strain_twist
 from soro_core.model.links.magnus import strain_at
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 COMMUTATOR = math.sqrt(3.0) / 12.0
 

@@ -10,15 +10,10 @@ functions (`coefficients`).
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.lie import ad, add_ad, series, stumpff, tangent_coefficients, to_parent
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Coefficients (-1)^n k! / (2 n + k)! of the series of k! c_k for k = 8 and 9, to 1e-16 for y < 4.
 _C8 = tuple((-1) ** n * math.factorial(8) / math.factorial(2 * n + 8) for n in range(12))

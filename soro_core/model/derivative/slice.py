@@ -7,12 +7,8 @@ N eta_j'' + Q eta_j' with q_j and by 2 N eta_j' + Q eta_j with its velocity. All
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.derivative.work import (
     BY_A,
     BY_Q,
@@ -30,8 +26,6 @@ from soro_core.model.derivative.work import (
 from soro_core.model.links.lie import add, add_coad, dot6
 from soro_core.model.links.link import momentum
 from soro_core.model.links.sweep import add_rigid, move
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

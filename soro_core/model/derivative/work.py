@@ -21,16 +21,13 @@ force
 
 from __future__ import annotations
 
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array, Integers
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
-Integers: TypeAlias = NDArray[np.int64]
 
 # What a force is derived by: acceleration, coordinate, velocity. Rows of `equation`, `change` and `outer`.
 BY_A, BY_Q, BY_V = 0, 1, 2

@@ -12,12 +12,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.linear import inverse
 
-Array: TypeAlias = NDArray[np.float64]
 Force: TypeAlias = Callable[[Array, float], Array]
 
 # Of the curve's length, where all pressures count 1, a strain 1, and a curvature its product with the length.

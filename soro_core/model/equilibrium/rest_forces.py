@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.model.soft_arm import SoftArm
-
-Array: TypeAlias = NDArray[np.float64]
 
 STEP = 1e-6
 # Error of the smallest stiffness by these differences, as a part of those of the coordinates.

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model.equilibrium.rest_forces import NEUTRAL, RestForces
 from soro_core.robot.coordinates import strain_fields
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Longest step, and the first one away from the equilibrium: strains, curvatures times the length of the link.
 LONGEST, PUSH = 0.1, 1e-2

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model.checks import finite, listed, require, shaped
 from soro_core.model.equilibrium.continuation import follow
@@ -14,8 +13,6 @@ from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.settle import settle
 from soro_core.model.soft_arm import SoftArm
 from soro_core.robot.coordinates import strain_fields
-
-Array: TypeAlias = NDArray[np.float64]
 
 # A stiff hold makes a narrow, bent valley, in which a search from afar stalls: its force is raised in steps.
 SHARES = tuple(np.geomspace(1e-6, 1.0, 13))

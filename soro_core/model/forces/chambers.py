@@ -17,16 +17,11 @@ q. Where the strain or the area is constant, one sample stands for the whole lin
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.linear import clear_matrix
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Exponent beyond which the logistic curve is at its bound, and its exponential near the largest number.
 _FAR = 500.0

@@ -10,14 +10,9 @@ centre, normal, k, c, mu, v_s, radius (below 0: a plane).
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
-
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 
 @inner

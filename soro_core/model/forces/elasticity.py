@@ -12,15 +12,12 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.linear import clear_matrix
 from soro_core.model.links.local import local_strain, n_samples, weight
 from soro_core.model.tables import DEFORMED, Tables
 
-Array: TypeAlias = NDArray[np.float64]
 Slope: TypeAlias = tuple[float, float, float]
 
 # Least 1 - u^2 of walls that touch: keeps what is evaluated beyond them finite.

@@ -10,13 +10,9 @@ the links with contact too.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.forces.contact import add_force, add_tangent, gap, stored_energy
 from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
@@ -41,8 +37,6 @@ from soro_core.model.work import (
     WALKED_COLUMNS,
     Work,
 )
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

@@ -8,15 +8,10 @@ z^2 / range.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.tables import AIR, CREEP, Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Rows of the slopes of `internal_slopes`.
 BY_START, BY_FIRST, BY_SECOND = 0, 1, 2

@@ -9,18 +9,13 @@ that the same factors solve the implicit steppers' systems.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.lie import dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import ROUND_OFF, assign, clear, clear_matrix
 from soro_core.model.tables import Tables
 from soro_core.model.work import JOINT_ACCELERATION, JOINT_WRENCH, Work
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

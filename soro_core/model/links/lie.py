@@ -8,14 +8,9 @@ derivative could see. Twists are (angular, linear).
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
-
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 # Coefficients (-1)^n k! / (2 n + k)! of the series of k! c_k for k = 6 and 7, to 1e-16 for y < 4.
 _C6 = tuple((-1) ** n * 720.0 / math.factorial(2 * n + 6) for n in range(12))

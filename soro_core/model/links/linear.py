@@ -7,19 +7,15 @@ checks of its shapes, where a loop compiles none.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array, Integers
 
 # A pivot is the difference of an entry and some terms. Below this part of them it is their round-off, and the
 # matrix singular. No unit of a row or column changes that part.
 ROUND_OFF = 1e-12
-
-Array: TypeAlias = NDArray[np.float64]
-Integers: TypeAlias = NDArray[np.int64]
 
 
 @inner

@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.lie import exponential, stumpff, tangent_coefficients
 from soro_core.model.links.linear import clear, clear_matrix
 from soro_core.model.links.link import ad_powers, columns_at, strain_twist
 from soro_core.model.links.magnus import magnus_step
 from soro_core.model.tables import Tables
 from soro_core.model.work import COLUMN_RATE, STRAIN, Work
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

@@ -5,15 +5,9 @@ A strain that does not vary along its link is evaluated once, with the weight of
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

@@ -10,12 +10,9 @@ strain share X_1 and X_2, so the cost of a node hardly grows with the order.
 from __future__ import annotations
 
 import math
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.lie import add_ad, compose, exponential, stumpff, tangent_coefficients, to_parent
 from soro_core.model.links.linear import clear
 from soro_core.model.tables import Tables
@@ -38,8 +35,6 @@ from soro_core.model.work import (
     SUMMAND_BY_V,
     Work,
 )
-
-Array: TypeAlias = NDArray[np.float64]
 
 _COMMUTATOR = math.sqrt(3.0) / 12.0
 

@@ -7,12 +7,10 @@ Jacobian and has the sign of dU_g/dq.
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.lie import add_ad, add_coad, dot6, to_body, to_parent
 from soro_core.model.links.linear import (
     assign,
@@ -22,8 +20,6 @@ from soro_core.model.links.linear import (
 )
 from soro_core.model.links.magnus import strain_at
 from soro_core.model.tables import Tables
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

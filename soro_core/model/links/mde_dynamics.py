@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.lie import dot6
 from soro_core.model.links.linear import assign, assign_matrix, cholesky_solve, lu_factor, lu_solve
 from soro_core.model.links.mde import body_columns, frame_rates, ralston, strain, terms
 from soro_core.model.links.sweep import NO
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Work
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

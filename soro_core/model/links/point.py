@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.linear import clear
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 @inner

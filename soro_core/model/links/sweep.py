@@ -6,12 +6,8 @@ that nothing of the links before has to be carried to its nodes; the chain is cl
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
-import numpy as np
-from numpy.typing import NDArray
-
 from soro_core._jit import inner
+from soro_core.arrays import Array
 from soro_core.model.links.lie import (
     add,
     add_ad,
@@ -50,8 +46,6 @@ from soro_core.model.work import (
     STRAIN_RATE,
     Work,
 )
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Numbers, because a literal truth value would compile the pass again for each combination.
 YES, NO = 1.0, 0.0

@@ -12,7 +12,7 @@ from itertools import product
 
 import numpy as np
 
-from soro_design.fem.elements.response import Array
+from soro_core.arrays import Array
 
 _LINE = ((-1,), (1,), (0,))
 _QUAD = ((-1, -1), (1, -1), (1, 1), (-1, 1), (0, -1), (1, 0), (0, 1), (-1, 0))

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from soro_core._jit import kernel
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
-from soro_design.fem.elements.response import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,18 +33,18 @@ class Fibres:
         Tension besides [N] at load factor 1, whatever the length: that of a tendon that slides.
     """
 
-    pieces: Indices
+    pieces: Integers
     stiffness_n: Array
     tension_n: Array
 
 
-def pieces_of(chains: Iterable[Sequence[int]]) -> Indices:
+def pieces_of(chains: Iterable[Sequence[int]]) -> Integers:
     """Return the pieces (m, 2) of chains of nodes; a ring ends with the node that it begins with."""
     pieces = [pair for chain in chains for pair in pairwise(chain)]
     return np.array(pieces, dtype=np.int64).reshape(-1, 2)
 
 
-def fibres(pieces: Indices, stiffness_n: ArrayLike = 0.0, tension_n: ArrayLike = 0.0) -> Fibres:
+def fibres(pieces: Integers, stiffness_n: ArrayLike = 0.0, tension_n: ArrayLike = 0.0) -> Fibres:
     """Return checked fibres.
 
     Parameters
@@ -72,12 +72,12 @@ def fibres(pieces: Indices, stiffness_n: ArrayLike = 0.0, tension_n: ArrayLike =
 
 @kernel
 def add_fibres(
-    pieces: Indices,
+    pieces: Integers,
     stiffness: Array,
     tension: Array,
     X: Array,
     x: Array,
-    position: Indices,
+    position: Integers,
     force: Array,
     data: Array,
 ) -> float:

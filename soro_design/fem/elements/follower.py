@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from soro_core._jit import inner, kernel
-from soro_design.fem.elements.response import Array, Indices
+from soro_core.arrays import Array, Integers
 
 
 @inner
@@ -40,11 +40,11 @@ def _normal_by(tangent: Array, slope: Array, k: int, change: Array) -> None:
 def add_pressure(
     pressure: float,
     is_revolved: bool,
-    faces: Indices,
+    faces: Integers,
     shape: Array,
     slope: Array,
     weight: Array,
-    position: Indices,
+    position: Integers,
     x: Array,
     force: Array,
     data: Array,

@@ -9,9 +9,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
+from soro_core.arrays import Array
 from soro_core.config import Strict, find_config, parse, read_yaml
 from soro_core.errors import ConfigError, ModelError
-from soro_design.fem.elements.response import HYPERELASTIC, SVK, Array, response
+from soro_design.fem.elements.response import HYPERELASTIC, SVK, response
 
 
 class Hyperelastic(Strict):

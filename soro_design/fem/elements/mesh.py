@@ -8,9 +8,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem.elements.element import SOLIDS, Element, element, shapes
-from soro_design.fem.elements.response import Array, Indices
 
 Space = Literal["plane_strain", "axisymmetric", "solid"]
 
@@ -37,21 +37,21 @@ class Mesh:
     kind: str
     space: Space
     points: Array
-    cells: Indices
+    cells: Integers
 
     @property
     def element(self) -> Element:
         """Tables of its kind."""
         return element(self.kind)
 
-    def boundary(self) -> Indices:
+    def boundary(self) -> Integers:
         """Return the faces that belong to one element alone (f, m), turned outwards."""
         faces = self.cells[:, self.element.faces]
         faces = faces.reshape(-1, faces.shape[2])
         _, index, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
         return np.asarray(faces[np.sort(index[count == 1])])
 
-    def faces_at(self, inside: ArrayLike) -> Indices:
+    def faces_at(self, inside: ArrayLike) -> Integers:
         """Return the boundary faces (f, m) whose nodes are all marked in `inside`, (n,) of bool.
 
         Raises
@@ -111,7 +111,7 @@ def make_mesh(kind: str, space: Space, points: ArrayLike, cells: ArrayLike) -> M
     return Mesh(kind, space, *_frozen(places, _turned(kind, places, nodes)))
 
 
-def volume_scale(kind: str, points: Array, cells: Indices) -> Array:
+def volume_scale(kind: str, points: Array, cells: Integers) -> Array:
     """Return det dX/dxi at the points of integration and at the nodes, (e, g + n).
 
     Parameters
@@ -128,7 +128,7 @@ def volume_scale(kind: str, points: Array, cells: Indices) -> Array:
     return np.asarray(np.linalg.det(np.einsum("ead,gak->egdk", points[cells], slope)))
 
 
-def _turned(kind: str, points: Array, cells: Indices) -> Indices:
+def _turned(kind: str, points: Array, cells: Integers) -> Integers:
     """Cells with a positive volume everywhere, or an error that names the first one that has none."""
     scale = volume_scale(kind, points, cells)
     if (scale < 0.0).all():
@@ -151,7 +151,7 @@ def _turned(kind: str, points: Array, cells: Indices) -> Indices:
     return cells
 
 
-def _frozen(points: Array, cells: Indices) -> tuple[Array, Indices]:
+def _frozen(points: Array, cells: Integers) -> tuple[Array, Integers]:
     cells = np.ascontiguousarray(cells)
     points.flags.writeable = cells.flags.writeable = False
     return points, cells

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csc_matrix
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
-from soro_design.fem.elements.response import Array, Indices
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +32,12 @@ class Pattern:
 
     n: int
     d: int
-    keys: Indices
-    start: Indices
-    row: Indices
-    cells: Indices
+    keys: Integers
+    start: Integers
+    row: Integers
+    cells: Integers
 
-    def entries(self, groups: Indices) -> Indices:
+    def entries(self, groups: Integers) -> Integers:
         """Return the entries (f, m d, m d) of nodes (f, m).
 
         Raises
@@ -53,7 +53,7 @@ class Pattern:
             )
         return found
 
-    def diagonal(self) -> Indices:
+    def diagonal(self) -> Integers:
         """Return the entries (n,) of the diagonal."""
         rows = np.arange(self.n)
         return np.searchsorted(self.keys, self.n * rows + rows).astype(np.int64)
@@ -63,7 +63,7 @@ class Pattern:
         return csc_matrix((data, self.row, self.start), shape=(self.n, self.n))
 
 
-def make_pattern(cells: Indices, n_nodes: int, d: int) -> Pattern:
+def make_pattern(cells: Integers, n_nodes: int, d: int) -> Pattern:
     """Return the pattern of elements.
 
     Parameters
@@ -83,6 +83,6 @@ def make_pattern(cells: Indices, n_nodes: int, d: int) -> Pattern:
     return Pattern(n, d, keys, start.astype(np.int32), (keys % n).astype(np.int32), entries)
 
 
-def _keys(groups: Indices, d: int, n: int) -> Indices:
+def _keys(groups: Integers, d: int, n: int) -> Integers:
     rows = (groups[:, :, None] * d + np.arange(d)).reshape(len(groups), -1)
     return rows[:, :, None] + n * rows[:, None, :]

@@ -6,15 +6,10 @@ derivative of the energy by the deformation gradient F, with F in rows: A[3 i + 
 
 from __future__ import annotations
 
-from typing import TypeAlias
-
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core._jit import inner, kernel
-
-Array: TypeAlias = NDArray[np.float64]
-Indices: TypeAlias = NDArray[np.int64]
+from soro_core.arrays import Array
 
 # Columns of a law.
 KIND, C1, C2, C3, MIXED, BULK = range(6)

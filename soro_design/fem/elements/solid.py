@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from soro_core._jit import inner, kernel
+from soro_core.arrays import Array, Integers
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.elements.response import BULK, Array, Indices, add_volume_curvature, cofactor, respond
+from soro_design.fem.elements.response import BULK, add_volume_curvature, cofactor, respond
 
 
 class Work(NamedTuple):
@@ -28,7 +29,7 @@ class Work(NamedTuple):
     by_volume: Array
 
 
-def tables(mesh: Mesh, cells: Indices) -> tuple[Array, Array, Array]:
+def tables(mesh: Mesh, cells: Integers) -> tuple[Array, Array, Array]:
     """Return what the kernel reads of undeformed elements, at their points of integration.
 
     Parameters
@@ -74,7 +75,7 @@ def make_work(size: int) -> Work:
 
 
 @inner
-def gather(u: Array, cell: Indices, of_cell: Array) -> None:
+def gather(u: Array, cell: Integers, of_cell: Array) -> None:
     """of_cell (a, d) <- displacements of the nodes `cell` (a,) of an element."""
     for a in range(cell.shape[0]):
         for k in range(u.shape[1]):
@@ -193,11 +194,11 @@ def respond_element(
 def assemble(
     law: Array,
     is_averaged: bool,
-    cells: Indices,
+    cells: Integers,
     slope: Array,
     hoop: Array,
     volume: Array,
-    position: Indices,
+    position: Integers,
     u: Array,
     force: Array,
     data: Array,

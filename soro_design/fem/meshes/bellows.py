@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.elements.response import Array
 from soro_design.fem.meshes.blocks import mapped
 
 

@@ -7,13 +7,13 @@ from itertools import product
 
 import numpy as np
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem.elements.element import SOLIDS, element
 from soro_design.fem.elements.mesh import Mesh, Space, make_mesh
-from soro_design.fem.elements.response import Array, Indices
 
 
-def grid(kind: str, counts: tuple[int, ...]) -> tuple[Array, Indices]:
+def grid(kind: str, counts: tuple[int, ...]) -> tuple[Array, Integers]:
     """Return points in the unit cube (n, d) and elements (e, nodes) of a regular grid.
 
     Parameters

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_design.fem.elements.element import element
 from soro_design.fem.elements.mesh import Mesh, make_mesh
-from soro_design.fem.elements.response import Array
 
 _SOLID_OF = {"quad4": "hex8", "quad8": "hex20"}
 

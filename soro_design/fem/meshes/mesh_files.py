@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_core.extras import named_packages
 from soro_design.fem.elements.mesh import Mesh, Space, make_mesh
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.meshes.foreign_mesh import read_foreign
 from soro_design.fem.meshes.simplices import split
 
@@ -148,7 +148,7 @@ def mesh_step(path: str | Path, largest_m: float) -> Mesh:
     return _file(1e-3 * np.asarray(found.Coordinates()), cells, "tetra", "solid", {}).mesh
 
 
-def _file(points: Array, cells: Indices, kind: str, space: Space, groups: dict[str, Indices]) -> MeshFile:
+def _file(points: Array, cells: Integers, kind: str, space: Space, groups: dict[str, Integers]) -> MeshFile:
     """A mesh of the points that its elements use, with groups of nodes by name."""
     used, numbers = np.unique(cells, return_inverse=True)
     points, cells = points[used], numbers.reshape(cells.shape)
@@ -163,7 +163,7 @@ def _file(points: Array, cells: Indices, kind: str, space: Space, groups: dict[s
     return MeshFile(make_mesh(_SIMPLICES[kind], space, points, cells), is_in)
 
 
-def _groups(found: Any) -> dict[str, Indices]:
+def _groups(found: Any) -> dict[str, Integers]:
     """Nodes of the physical groups of a mesh of meshio, by name."""
     groups = {}
     for name, (tag, _) in found.field_data.items():

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import cKDTree
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem.elements.fibres import pieces_of
 from soro_design.fem.elements.mesh import Mesh, make_mesh
-from soro_design.fem.elements.response import Array, Indices
 
 # Diagonal of the square in the middle of a plug, over the diameter of the hole.
 SQUARE = 0.6
@@ -108,12 +108,12 @@ class Rod:
     """
 
     mesh: Mesh
-    sections: Indices
+    sections: Integers
     share: Array
-    base: Indices
-    tip: Indices
-    chambers: tuple[Indices, ...]
-    hoops: Indices
+    base: Integers
+    tip: Integers
+    chambers: tuple[Integers, ...]
+    hoops: Integers
     hoop_spacing_m: Array
 
 
@@ -174,7 +174,7 @@ def rod_mesh(shape: RodShape, counts: RodCounts) -> Rod:
     )
 
 
-def _section(shape: RodShape, counts: RodCounts) -> tuple[Array, Indices, Indices]:
+def _section(shape: RodShape, counts: RodCounts) -> tuple[Array, Integers, Integers]:
     """Points (n, 2) of a section, elements of its wall and those of the plugs (e, 4), counter-clockwise."""
     half = _half_sector(shape, counts)
     quads = _quads(half)
@@ -220,7 +220,7 @@ def _disc(shape: RodShape, counts: RodCounts) -> list[Array]:
     return [radius * patch + [shape.chamber_offset_m, 0.0] for patch in patches]
 
 
-def _rim(plane: Array, shape: RodShape, c: int, counts: RodCounts) -> Indices:
+def _rim(plane: Array, shape: RodShape, c: int, counts: RodCounts) -> Integers:
     """Points of the rim of a chamber, in turn."""
     away = plane - _centre(shape, c)
     radius = _polygon_radius(shape.chamber_radius_m, 4 * counts.around)
@@ -258,7 +258,7 @@ def _areas(corners: Array) -> Array:
     return np.asarray(0.5 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]))
 
 
-def _joined(corners: Array, tolerance: float) -> tuple[Array, Indices]:
+def _joined(corners: Array, tolerance: float) -> tuple[Array, Integers]:
     """Points (n, 2) and elements (e, 4) of quadrilaterals whose corners coincide."""
     places = corners.reshape(-1, 2)
     first = np.arange(len(places))

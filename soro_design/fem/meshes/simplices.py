@@ -10,7 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from soro_design.fem.elements.response import Array, Indices
+from soro_core.arrays import Array, Integers
 
 # Corners whose middle is a node of the new element at corner 0; the others follow by turning the old one.
 _QUAD = ((0,), (0, 1), (0, 1, 2), (0, 2))
@@ -19,7 +19,7 @@ _HEX = ((0,), (0, 1), (0, 1, 2), (0, 2), (0, 3), (0, 1, 3), (0, 1, 2, 3), (0, 2,
 _TURNS = {3: ((0, 1, 2), (1, 2, 0), (2, 0, 1)), 4: ((0, 1, 2, 3), (1, 0, 3, 2), (2, 3, 0, 1), (3, 2, 1, 0))}
 
 
-def split(points: Array, simplices: Indices) -> tuple[Array, Indices, list[Indices]]:
+def split(points: Array, simplices: Integers) -> tuple[Array, Integers, list[Integers]]:
     """Return points, and three quad4 of each triangle or four hex8 of each tetrahedron.
 
     Third come the corners of which the new points are the middles, in their order: of edges (m, 2), of
@@ -33,7 +33,7 @@ def split(points: Array, simplices: Indices) -> tuple[Array, Indices, list[Indic
         Corners of each, numbered in the sense of VTK.
     """
     count = simplices.shape[1]
-    found: dict[tuple[int, ...], Indices] = {(k,): simplices[:, k] for k in range(count)}
+    found: dict[tuple[int, ...], Integers] = {(k,): simplices[:, k] for k in range(count)}
     places, middles, first = [points], [], len(points)
     for size in range(2, count + 1):
         these = list(combinations(range(count), size))

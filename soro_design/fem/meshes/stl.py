@@ -6,15 +6,15 @@ from pathlib import Path
 
 import numpy as np
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
-from soro_design.fem.elements.response import Array, Indices
 
 # Of each triangle its normal, its corners and two bytes.
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 _HEAD = 80
 
 
-def write_stl(path: str | Path, points: Array, triangles: Indices, unit_m: float = 1e-3) -> None:
+def write_stl(path: str | Path, points: Array, triangles: Integers, unit_m: float = 1e-3) -> None:
     """Write triangles as a binary STL file.
 
     Parameters
@@ -45,7 +45,7 @@ def write_stl(path: str | Path, points: Array, triangles: Indices, unit_m: float
         raise ModelError(f"path {path}: {error.strerror}; allowed: one that can be written", "path") from None
 
 
-def read_stl(path: str | Path, unit_m: float = 1e-3) -> tuple[Array, Indices]:
+def read_stl(path: str | Path, unit_m: float = 1e-3) -> tuple[Array, Integers]:
     """Return the corners (n, 3) [m] and the triangles (t, 3) of an STL file; corners at one place are one.
 
     Parameters

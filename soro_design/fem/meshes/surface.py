@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.elements.response import Array, Indices
 
 # Straight pieces of a face, by its number of nodes.
 _LINES = {2: ((0, 1),), 3: ((0, 2), (2, 1))}
@@ -16,13 +16,13 @@ _TRIANGLES = {
 }
 
 
-def pieces(faces: Indices) -> Indices:
+def pieces(faces: Integers) -> Integers:
     """Return straight pieces (p, d) of faces (f, m): lines of a section, triangles of a solid."""
     cut = np.array((_LINES | _TRIANGLES)[faces.shape[1]])
     return np.asarray(faces[:, cut].reshape(-1, cut.shape[1]))
 
 
-def solid_surface(mesh: Mesh, u: Array | float = 0.0) -> tuple[Array, Indices]:
+def solid_surface(mesh: Mesh, u: Array | float = 0.0) -> tuple[Array, Integers]:
     """Return the corners (n, 3) [m] and triangles (t, 3) of a solid, turned outwards.
 
     Parameters
@@ -41,7 +41,7 @@ def solid_surface(mesh: Mesh, u: Array | float = 0.0) -> tuple[Array, Indices]:
     return _used(mesh.points + u, pieces(mesh.boundary()))
 
 
-def extruded(mesh: Mesh, depth_m: float, u: Array | float = 0.0) -> tuple[Array, Indices]:
+def extruded(mesh: Mesh, depth_m: float, u: Array | float = 0.0) -> tuple[Array, Integers]:
     """Return the corners (n, 3) [m] and triangles (t, 3) of a section in plane strain, as deep as asked.
 
     Parameters
@@ -71,7 +71,7 @@ def extruded(mesh: Mesh, depth_m: float, u: Array | float = 0.0) -> tuple[Array,
     return _used(points, np.concatenate([top[:, ::-1], top + n, *sides]))
 
 
-def revolved(mesh: Mesh, around: int = 96, u: Array | float = 0.0) -> tuple[Array, Indices]:
+def revolved(mesh: Mesh, around: int = 96, u: Array | float = 0.0) -> tuple[Array, Integers]:
     """Return the corners (n, 3) [m] and triangles (t, 3) of an axisymmetric section, revolved about z.
 
     The polygon of corners lies partly outside the circle, so that the volume is that of the ring.
@@ -114,13 +114,13 @@ def revolved(mesh: Mesh, around: int = 96, u: Array | float = 0.0) -> tuple[Arra
     return _used(points, found[~is_flat])
 
 
-def volume(points: Array, triangles: Indices) -> float:
+def volume(points: Array, triangles: Integers) -> float:
     """Return the volume [m3] inside triangles (t, 3) turned outwards, by their corners (n, 3) [m]."""
     a, b, c = points[triangles].transpose(1, 0, 2)
     return float((a * np.cross(b, c)).sum() / 6.0)
 
 
-def is_closed(triangles: Indices) -> bool:
+def is_closed(triangles: Integers) -> bool:
     """Whether each edge of triangles (t, 3) has one neighbour that runs along it the other way."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     there, count = np.unique(edges, axis=0, return_counts=True)
@@ -133,6 +133,6 @@ def _check(mesh: Mesh, spaces: tuple[str, ...]) -> None:
         raise ModelError(f"space {mesh.space!r} of the mesh; allowed: {', '.join(spaces)}", "space")
 
 
-def _used(points: Array, triangles: Indices) -> tuple[Array, Indices]:
+def _used(points: Array, triangles: Integers) -> tuple[Array, Integers]:
     used, numbers = np.unique(triangles, return_inverse=True)
     return points[used], numbers.reshape(triangles.shape)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
-from soro_design.fem.elements.response import Array
 from soro_design.fem.part import Part
 from soro_design.fem.solve.equations import LOOSE_CAUSE, Equations
 from soro_design.fem.solve.equilibrium import CUT, Attempt, equilibrium, inversion

@@ -12,8 +12,8 @@ from functools import partial
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
-from soro_design.fem.elements.response import Array
 from soro_design.fem.part import Balance, Part
 from soro_design.fem.solve.equations import Equations
 from soro_design.fem.solve.equilibrium import inversion, moved

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import diags_array
 
-from soro_design.fem.elements.response import Array
+from soro_core.arrays import Array
 from soro_design.fem.part import Balance, Part
 from soro_design.fem.solve.linear import Factors, factorised, regular_factors
 

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soro_design.fem.elements.response import Array
+from soro_core.arrays import Array
 from soro_design.fem.part import Balance, Part
 from soro_design.fem.solve.equations import Equations
 from soro_design.fem.solve.states import Settings, State

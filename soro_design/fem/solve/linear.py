@@ -10,7 +10,7 @@ import numpy as np
 from scipy.sparse import triu
 from scipy.sparse.linalg import splu
 
-from soro_design.fem.elements.response import Array
+from soro_core.arrays import Array
 
 # Entries above this share of their column may stay pivots of the diagonal.
 PIVOT = 1e-3

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
-from soro_design.fem.elements.response import Array
 from soro_design.fem.part import Part
 from soro_design.fem.solve.equations import Equations
 from soro_design.fem.solve.linear import factorised

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
-from soro_design.fem.elements.response import Array
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError
-from soro_design.fem.elements.response import Array
 from soro_design.fem.solve.linear import regular_factors
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.evaluation import Evaluation
-from soro_design.topology.physics.grid import Flags, Grid, assembled
+from soro_design.topology.physics.grid import Grid, assembled
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.solve.linear import regular_factors
 from soro_design.topology.physics.filter import projection
 from soro_design.topology.physics.grid import Grid, assembled
@@ -66,7 +66,7 @@ class Pressures:
     _grid: Grid
     _flow: Flow
     _density: Array
-    _free: Indices
+    _free: Integers
 
     def back(self, by_pressure: Array) -> Array:
         """Return the derivative of a number by the densities (e,) from that by the pressures (n,)."""

@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from soro_core._jit import inner, kernel
-from soro_design.fem.elements.response import Array, Indices, add_volume_curvature, cofactor
+from soro_core.arrays import Array, Integers
+from soro_design.fem.elements.response import add_volume_curvature, cofactor
 from soro_design.fem.elements.solid import (
     Work,
     add_force,
@@ -48,8 +49,8 @@ class Elements(NamedTuple):
 
     law: Array
     is_averaged: bool
-    cells: Indices
-    kind: Indices
+    cells: Integers
+    kind: Integers
     slope: Array
     hoop: Array
     volume: Array
@@ -82,7 +83,7 @@ def assemble(
     kappa: Array,
     gamma: Array,
     pressure: Array,
-    position: Indices,
+    position: Integers,
     u: Array,
     force: Array,
     data: Array,

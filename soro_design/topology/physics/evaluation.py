@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from soro_design.fem.elements.response import Array
+from soro_core.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags
 from scipy.spatial import cKDTree
 
-from soro_design.fem.elements.response import Array
+from soro_core.arrays import Array
 from soro_design.topology.physics.grid import Grid
 
 

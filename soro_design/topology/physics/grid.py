@@ -7,21 +7,18 @@ once for a kind of element: one kind in plane strain, one for each column about 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.sparse import csc_matrix
 
+from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Mesh
 from soro_design.fem.elements.mesh import Space
 from soro_design.fem.elements.pattern import Pattern, make_pattern
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.elements.solid import tables
 from soro_design.fem.meshes.blocks import block
-
-Flags: TypeAlias = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,7 +50,7 @@ class Grid:
     mesh: Mesh
     counts: tuple[int, int]
     edge_m: tuple[float, float]
-    kind: Indices
+    kind: Integers
     shape: Array
     slope: Array
     hoop: Array
@@ -89,7 +86,7 @@ def assembled(pattern: Pattern, of_cells: Array) -> Any:
     return pattern.matrix(np.asarray(data, dtype=float))
 
 
-def between_free(pattern: Pattern, is_held: Flags) -> tuple[Indices, Indices, Any]:
+def between_free(pattern: Pattern, is_held: Flags) -> tuple[Integers, Integers, Any]:
     """Return the numbers of free rows, the entries of `pattern` between them, and a matrix (csc) for these.
 
     Parameters

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from soro_design.fem.elements.response import Array
+from soro_core.arrays import Array
 from soro_design.topology.physics.filter import projection
 
 # Where an element begins to count as solid, and how suddenly.

@@ -7,15 +7,15 @@ from typing import Any
 
 import numpy as np
 
+from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Hyperelastic
 from soro_design.fem.elements.material import Material
-from soro_design.fem.elements.response import Array, Indices
 from soro_design.fem.solve.linear import factorised
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.energy import Elements, assemble, sensitivities
 from soro_design.topology.physics.evaluation import Evaluation
-from soro_design.topology.physics.grid import Flags, Grid, between_free
+from soro_design.topology.physics.grid import Grid, between_free
 from soro_design.topology.physics.interpolation import interpolation
 
 _NONE = np.empty(0)
@@ -83,8 +83,8 @@ class Stroke:
     spring: Array
     exponent: float
     _elements: Elements = field(init=False, repr=False)
-    _free: Indices = field(init=False, repr=False)
-    _entries: Indices = field(init=False, repr=False)
+    _free: Integers = field(init=False, repr=False)
+    _entries: Integers = field(init=False, repr=False)
     _matrix: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:

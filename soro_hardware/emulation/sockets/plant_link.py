@@ -23,10 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import HardwareError
 from soro_core.pneumatics.valve_condition import ValveAction, ValveCondition
 from soro_hardware.error_text import reason
-from soro_hardware.port import Array
 
 _HEADER = struct.Struct("<4sIIQq")
 _MAGIC = b"SPL2"

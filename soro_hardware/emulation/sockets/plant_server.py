@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.errors import HardwareError
 from soro_core.pneumatics.valve_condition import ValveAction, healthy
 from soro_hardware.emulation.sockets.plant_link import (
@@ -19,7 +20,6 @@ from soro_hardware.emulation.sockets.plant_link import (
     take_message,
 )
 from soro_hardware.emulation.sockets.unix_socket import Client, UnixServer
-from soro_hardware.port import Array
 
 _BACKLOG = 65536  # bytes kept for a client that does not read; further frames are dropped whole
 

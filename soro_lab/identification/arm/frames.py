@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from soro_core.arrays import Array
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import Case, Whole, clock
 from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.recording.streams import Attitude, Curvature, Marker, Plate, Shape
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Deviations before any data, about what `frame_numbers` finds: of the tracker, of a body whose place is
 # stated, and of a marker whose place is not.

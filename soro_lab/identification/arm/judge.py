@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_lab.identification.arm.cases.case import Case
 from soro_lab.identification.recording.streams import Curvature, Marker, Plate, Shape
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Rows beyond this many expected errors count as written off by the soft loss.
 _WRITTEN_OFF = 3.0

@@ -5,16 +5,11 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
-from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from soro_core.arrays import Array
 from soro_core.errors import SoroError
 from soro_lab.identification.arm.search.profile import Optimum, Profile, linear, searched
 from soro_lab.identification.arm.stages import Identified
-
-Array: TypeAlias = NDArray[np.float64]
 
 
 def least_certain(found: Identified, count: int = 3) -> tuple[str, ...]:

@@ -8,7 +8,6 @@ from functools import partial
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.model import SoftArm
@@ -37,7 +36,6 @@ from soro_lab.identification.recording import (
     without_hands,
 )
 
-Array: TypeAlias = NDArray[np.float64]
 Progress: TypeAlias = Callable[[str, float], None]
 
 # Step of the simulations by which laws are compared, over that of the last fit.

@@ -6,13 +6,12 @@ from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from soro_core.arrays import Array
 from soro_lab.identification.recording.streams import Marker, Plate, Stream
 
 Kind = TypeVar("Kind", bound=Stream)
-Array = NDArray[np.float64]
 
 
 def in_frame_of(base: Plate, stream: Kind, moves: bool, turns: bool) -> Kind:

@@ -7,16 +7,13 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array, Flags
 from soro_core.errors import ConfigError
 from soro_lab.identification.recording.faults import Faults
 from soro_lab.identification.recording.stale import StaleLimits, find_stale
 from soro_lab.identification.recording.streams import Bend, Curvature, Imu, Marker, Plate, Series, Stream
 from soro_lab.identification.records import LATE_S
-
-Array: TypeAlias = NDArray[np.float64]
-Mask: TypeAlias = NDArray[np.bool_]
 
 # A quaternion whose length is further from 1 than this is no rotation.
 _LENGTH = 0.1
@@ -37,11 +34,11 @@ class Raw:
     """
 
     stream: Stream
-    bad: Mask
-    outside: Mask
+    bad: Flags
+    outside: Flags
 
 
-def raw(stream: Stream, bad: Mask | None = None, outside: Mask | None = None) -> Raw:
+def raw(stream: Stream, bad: Flags | None = None, outside: Flags | None = None) -> Raw:
     """Return a raw stream; without a mask no sample is marked.
 
     Parameters
@@ -147,7 +144,7 @@ def _drivers(
     return [(other.t, other.motion()) for other in moving], []
 
 
-def _rises(stream: Stream, usable_rows: Mask, where: str) -> Mask:
+def _rises(stream: Stream, usable_rows: Flags, where: str) -> Flags:
     """Return which samples are later than all before them, apart from single stamps far off."""
     at = np.flatnonzero(usable_rows)
     t = stream.t[at]
@@ -162,11 +159,11 @@ def _rises(stream: Stream, usable_rows: Mask, where: str) -> Mask:
             f"time that runs backwards: sample {row + 1} at {stream.t[row]:.3f} s after {before[row]:.3f} s"
         )
         raise ConfigError(where, stream.name, text, f"rising stamps; one may be late by {LATE_S:g} s")
-    rises: Mask = usable_rows & (fall < 0.0)
+    rises: Flags = usable_rows & (fall < 0.0)
     return rises
 
 
-def _unit(plate: Plate) -> tuple[Plate, Mask]:
+def _unit(plate: Plate) -> tuple[Plate, Flags]:
     """Return a plate with quaternions of length 1, and which of them are rotations."""
     length = np.linalg.norm(plate.quaternion, axis=1)
     is_rotation = ~(np.abs(length - 1.0) > _LENGTH)

@@ -3,16 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.stillness import StillLimits, blocks, noise, still_limits, stretches
 from soro_lab.identification.recording.streams import Series
-
-Array: TypeAlias = NDArray[np.float64]
 
 # A decay is larger than the limit of rest by this factor: neither creep is one, nor the effect of pressures
 # that still count as standing still.

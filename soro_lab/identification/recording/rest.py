@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_lab.identification.recording.base_frame import aligned
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.stillness import StillLimits, blocks, still_limits, stretches
 from soro_lab.identification.recording.streams import Attitude, Plate, Stream
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Parts of a stretch whose means are compared: samples that follow each other are no independent evidence.
 _PARTS = 8

@@ -15,15 +15,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array, Flags
 from soro_lab.identification.recording.streams import Stream
-
-Array: TypeAlias = NDArray[np.float64]
-Mask: TypeAlias = NDArray[np.bool_]
 
 # Part of a column's range below which a change is round-off of a simulation, not noise of a sensor.
 _ROUND_OFF = 1e-6
@@ -52,8 +48,8 @@ class StaleLimits:
 class Stale:
     """Rows of a stream that are not new: masks (n,), and first and last time [s] of each frozen stretch."""
 
-    repeated: Mask
-    frozen: Mask
+    repeated: Flags
+    frozen: Flags
     stretches: tuple[tuple[float, float], ...]
 
 
@@ -133,7 +129,7 @@ def _is_new(stream: Stream, start: float, end: float) -> bool:
     return len(inside) > 1 and bool((np.diff(inside, axis=0) != 0.0).any())
 
 
-def _stretches(t: Array, frozen: Mask) -> tuple[tuple[float, float], ...]:
+def _stretches(t: Array, frozen: Flags) -> tuple[tuple[float, float], ...]:
     edges = np.flatnonzero(np.diff(np.concatenate([[False], frozen, [False]]).astype(int)))
     # The reading before the first one left out is the one that stayed.
     return tuple((float(t[begin - 1]), float(t[end - 1])) for begin, end in edges.reshape(-1, 2))

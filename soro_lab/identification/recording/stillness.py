@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array, Flags
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.streams import (
     Attitude,
@@ -19,9 +18,6 @@ from soro_lab.identification.recording.streams import (
     Series,
     Stream,
 )
-
-Array: TypeAlias = NDArray[np.float64]
-Mask: TypeAlias = NDArray[np.bool_]
 
 # Noise counts with three deviations. Third differences leave 3 % of an oscillation at a twelfth of the rate.
 _SIGMAS, _ORDER = 3.0, 3
@@ -80,13 +76,13 @@ class Blocks:
     """
 
     edges: Array
-    pressure_still: Mask
-    shape_still: Mask
-    pressure_known: Mask
-    shape_known: Mask
+    pressure_still: Flags
+    shape_still: Flags
+    pressure_known: Flags
+    shape_known: Flags
 
     @property
-    def rest(self) -> Mask:
+    def rest(self) -> Flags:
         """Blocks in which everything stands still."""
         known = self.pressure_known & self.shape_known
         return known & self.pressure_still & self.shape_still
@@ -148,13 +144,13 @@ def noise(stream: Stream) -> Array:
     return np.asarray(np.median([np.sqrt((part**2).mean(axis=0)) for part in parts], axis=0) / np.sqrt(20.0))
 
 
-def stretches(mask: Mask) -> list[tuple[int, int]]:
+def stretches(mask: Flags) -> list[tuple[int, int]]:
     """Return the first block and the block after the last of each run of True."""
     edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(int)))
     return [(int(begin), int(end)) for begin, end in edges.reshape(-1, 2)]
 
 
-def _still(stream: Stream, edges: Array, limits: StillLimits) -> tuple[Mask, Mask]:
+def _still(stream: Stream, edges: Array, limits: StillLimits) -> tuple[Flags, Flags]:
     """Return in which blocks a stream stands still, and in which it has samples."""
     number = len(edges) - 1
     index = np.searchsorted(edges, stream.t, side="right") - 1
@@ -172,8 +168,8 @@ def _still(stream: Stream, edges: Array, limits: StillLimits) -> tuple[Mask, Mas
     still = known & (np.nan_to_num(spread) <= limits.of(stream) + each).all(axis=1)
     band = limits.of(stream) + each * np.sqrt(2.0 / np.median(count[known]))
 
-    def apart(step: int) -> Mask:
-        moved: Mask = (np.abs(np.nan_to_num(mean[step:] - mean[:-step])) > band).any(axis=1)
+    def apart(step: int) -> Flags:
+        moved: Flags = (np.abs(np.nan_to_num(mean[step:] - mean[:-step])) > band).any(axis=1)
         return moved
 
     # A step within a block moves its mean: the blocks beside it are still.

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from soro_core.arrays import Array, Flags
 from soro_lab.identification.recording.place import Place
-
-Array: TypeAlias = NDArray[np.float64]
-Mask: TypeAlias = NDArray[np.bool_]
 
 Kind = TypeVar("Kind", bound="Stream")
 
@@ -33,7 +31,7 @@ class Stream:
     name: str
     t: Array
 
-    def rows(self: Kind, keep: Mask | NDArray[np.intp]) -> Kind:
+    def rows(self: Kind, keep: Flags | NDArray[np.intp]) -> Kind:
         """Return the stream of some of its samples, (n,) of bool or their numbers."""
         return replace(self, **{key: value[keep] for key, value in self._arrays().items()})
 

@@ -9,19 +9,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_core.pneumatics.chamber import AMBIENT_PA, GAS_CONSTANT
 from soro_core.pneumatics.flow import REFERENCE_DENSITY
 from soro_lab.identification.candidates import Values
 from soro_lab.identification.fit import Fit, Parameter, fit
 from soro_lab.identification.regulators.leak_laws import LAWS, LeakLaw, fall
-
-Array: TypeAlias = NDArray[np.float64]
 
 # A chamber is closed when its pressure has left the level of its first second by this part of it, if all the
 # fall that follows is larger by _LARGER; else it leaks from the first sample on.

@@ -10,14 +10,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.pneumatics.chamber import AMBIENT_PA
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Critical pressure ratio of the hole: the default of `ValveModel`.
 CRITICAL_RATIO = 0.35

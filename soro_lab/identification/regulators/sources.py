@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_lab.identification.pump import PumpRun
 from soro_lab.identification.recording import Recording, Series
 from soro_lab.identification.regulators.leak import LeakRun
 from soro_lab.identification.steps import PressureRecord
-
-Array: TypeAlias = NDArray[np.float64]
 
 # A pump that fills moves the pressure by more than this [Pa].
 _MOVED_PA = 1e3

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core import SoftArm, simulate
 from soro_core.integrate import Result
@@ -15,8 +13,6 @@ from soro_core.pneumatics.chamber import AMBIENT_PA
 from tests.apparatus.extremes.arms import FULL_SCALE_PA, Arm, least_stretch
 from tests.apparatus.extremes.cell import Outcome, Verdict, stopped
 from tests.apparatus.extremes.measure import DEFAULT, SWING, scale_of
-
-Array: TypeAlias = NDArray[np.float64]
 
 STEPS = 2000
 # Of the pressure, for round-off.

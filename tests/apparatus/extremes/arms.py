@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core import Robot, SoftArm, robot_from_dict
+from soro_core.arrays import Array
 from soro_core.robot.basis import shape_values, strain_rows
 
-Array = NDArray[np.float64]
 DENSITY = 1100.0
 FULL_SCALE_PA = 90e3
 STRAINS = ("elongation", "bending_x", "bending_y")

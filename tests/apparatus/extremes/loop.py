@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core import load_robot
+from soro_core.arrays import Array
 from soro_core.config import find_config
 from soro_core.control import Controller
 from soro_core.errors import ModelError
@@ -18,8 +17,6 @@ from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Robot
 from soro_core.twin import Observation, SensorConfig, Twin, TwinConfig, TwinState
 from tests.apparatus.extremes.cell import Outcome, Verdict
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Tip RMS that counts as tracking, of the length; the law itself is judged elsewhere.
 TRACKS = 0.05

@@ -8,15 +8,13 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core import SoftArm, simulate
+from soro_core.arrays import Array
 from soro_core.integrate import Result
 from soro_core.integrate.stepper import DISSIPATIVE
 from tests.apparatus.extremes.arms import FULL_SCALE_PA, Arm, least_stretch
 from tests.apparatus.extremes.cell import Outcome, Verdict, stopped
-
-Array = NDArray[np.float64]
 
 DEFAULT: str = inspect.signature(simulate).parameters["integrator"].default
 # Energy that a run may gain, of what it has to give: the default stepper swings about the truth.

@@ -6,10 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.pneumatics import ValveAction, ValveModel, chamber_pressures, make_gas, masses_at
 from soro_core.robot import load_robot
 from soro_core.twin import Twin, TwinConfig
-from soro_hardware.port import Array
 from tests.apparatus.faults.rigs import Rig
 
 # Valve and chamber of docs/hardware.md: 0.1 l/(s bar) on 30 ml with its tube.

@@ -4,12 +4,11 @@ import time
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_lab.identification.candidates import slopes
 from soro_lab.identification.search import Search, SearchResult, Settings, secant
 
-Array = NDArray[np.float64]
 T = np.linspace(0.0, 2.0, 40)
 TRUE, START = np.array([1.5, 0.7, 0.3]), np.array([1.0, 1.0, 0.0])
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
 
+from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
@@ -19,7 +20,6 @@ from soro_lab.identification.arm.cases.initial_conditions import at_start
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.streams import Shape
 
-Array: TypeAlias = NDArray[np.float64]
 Interval: TypeAlias = tuple[float, float]
 ALWAYS: tuple[Interval, ...] = ((-np.inf, np.inf),)
 

@@ -8,19 +8,16 @@ that is judged would hide what the model lacks.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.model import SoftArm
 from soro_core.model.tables import CREEP
 from soro_core.robot.coordinates import strain_fields
 from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.sections import sections
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Deviations, before any data, of the strains that a hand holds: elongation, and bending times length
 # [rad].

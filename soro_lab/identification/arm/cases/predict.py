@@ -16,9 +16,9 @@ from functools import singledispatch
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from soro_core.arrays import Array
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import strain_fields
@@ -26,7 +26,6 @@ from soro_core.rotation import rotation_exp
 from soro_lab.identification.frame import MeasurementFrame
 from soro_lab.identification.recording.streams import Attitude, Bend, Curvature, Marker, Plate, Shape
 
-Array: TypeAlias = NDArray[np.float64]
 Frames: TypeAlias = Mapping[str, float]
 
 

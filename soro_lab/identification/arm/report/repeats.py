@@ -10,15 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from soro_core.arrays import Array
 from soro_lab.identification.arm.report.traces import Trace
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Share of its range by which a pressure may differ; the time before, at so many points; elsewhere in between.
 _ALIKE = 0.01

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_lab.identification.arm.report.traces import Trace
 from soro_lab.reporting.drawing import (
     COLOURS,
@@ -22,8 +22,6 @@ from soro_lab.reporting.drawing import (
     style,
     svg,
 )
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Inches: of one column of a shape, of the pressures, of what is left over.
 _ROW, _PRESSURE, _LEFT = 0.95, 1.15, 1.15

@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import singledispatch
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from soro_core.arrays import Array, Flags
 from soro_lab.identification.arm.cases.case import Interval, Whole
 from soro_lab.identification.arm.stages import Identified
 from soro_lab.identification.recording import Recording
 from soro_lab.identification.recording.streams import Attitude, Bend, Curvature, Marker, Plate, Shape
-
-Array: TypeAlias = NDArray[np.float64]
-Mask: TypeAlias = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -69,7 +65,7 @@ class Trace:
     differences: Array
     expected: Array
     weights: Array
-    held_out: Mask
+    held_out: Flags
     shaded: tuple[Interval, ...]
     panels: tuple[Panel, ...]
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_lab.identification.arm.cases.case import Interval, Rests, Whole
 from soro_lab.identification.arm.search.problem import Problem
@@ -21,8 +20,6 @@ from soro_lab.identification.recording import (
     still_limits,
 )
 from soro_lab.identification.recording.streams import Attitude, Curvature, Marker, Shape
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Of recordings with one section each the second is held out, and each that many further.
 _EVERY = 4

@@ -8,8 +8,8 @@ from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import SoroError
 from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
@@ -19,7 +19,6 @@ from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_rob
 from soro_lab.identification.arm.cases.predict import difference, predict_measurement
 from soro_lab.identification.search import LOSSES, Settings
 
-Array: TypeAlias = NDArray[np.float64]
 # What the arm does where each stream of each case looks (`predict.predict_measurement`).
 Shown: TypeAlias = list[list[Array]]
 

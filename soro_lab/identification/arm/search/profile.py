@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
+
 Rows: TypeAlias = Callable[[Array], Array | None]
 Side: TypeAlias = Literal["as the parabola", "steeper", "flatter", "flat", "lower", "bound"]
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.errors import SoroError
 from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.case import Path, clock
@@ -16,8 +15,6 @@ from soro_lab.identification.arm.cases.initial_conditions import is_of_run
 from soro_lab.identification.arm.cases.parameters import is_of_robot
 from soro_lab.identification.arm.search.problem import Problem, Shown, seen_in
 from soro_lab.identification.search import Search, Settings
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Step of the derivatives, in deviations of the prior: above the round-off of a simulation.
 _STEP = 1e-4

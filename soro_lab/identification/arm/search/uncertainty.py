@@ -10,17 +10,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
+from soro_core.arrays import Array
 from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import Solution
-
-Array: TypeAlias = NDArray[np.float64]
 
 # Data that leave a number more than this share of its doubt before any data do not determine it.
 UNDETERMINED = 0.5

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from soro_core.arrays import Array
 
 
 def stated_pressure(steps: Sequence[Sequence[float]], lag_s: Sequence[float], t: Array) -> Array:

@@ -6,11 +6,11 @@ import re
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_core.config import read_yaml
 from soro_core.errors import BagError, ConfigError
 from soro_core.robot import Robot
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from soro_lab.bag import Topic
     from soro_lab.bag.decode import Fields
 
-Array: TypeAlias = NDArray[np.float64]
 
 _STATE, _COMMAND = "chambers/state", "chambers/command"
 _SENSOR = re.compile(r"sensors/(pose|imu)(\d+)")

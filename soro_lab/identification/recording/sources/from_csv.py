@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from soro_core.arrays import Array, Flags
 from soro_core.config import find_config, load
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
@@ -29,9 +28,6 @@ from soro_lab.identification.recording.sources.columns import (
 from soro_lab.identification.recording.stale import StaleLimits
 from soro_lab.identification.recording.streams import Bend, Curvature, Marker, Plate, Series
 from soro_lab.identification.records import read_table
-
-Array: TypeAlias = NDArray[np.float64]
-Mask: TypeAlias = NDArray[np.bool_]
 
 
 def read_csv(
@@ -216,8 +212,8 @@ def pressure_limits(robot: Robot) -> Array:
     return np.array([low - half, high + half])
 
 
-def _outside(values: Array, limits: Array | None) -> Mask | None:
+def _outside(values: Array, limits: Array | None) -> Flags | None:
     if limits is None:
         return None
-    out: Mask = ((values < limits[0]) | (values > limits[1])).any(axis=1)
+    out: Flags = ((values < limits[0]) | (values > limits[1])).any(axis=1)
     return out

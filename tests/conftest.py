@@ -142,6 +142,7 @@ _ORDER = (
 )
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Sort by the place of a test's folder or file in `_ORDER`, and group what one worker takes."""
 

@@ -23,7 +23,7 @@ check: $(VENV)/.installed-test
 
 quick: export PYTHONDONTWRITEBYTECODE =
 quick: $(VENV)/.installed-test
-	$(BIN)/pytest -n 2 --dist loadgroup --quiet --durations=0 --durations-min=5 -m "not process and not ros and not slow"
+	$(BIN)/pytest -n 2 --dist worksteal --quiet --durations=0 --durations-min=5 -m "not process and not ros and not slow"
 
 # In parallel, because the tests do not use both cores all the time; a failure of one does not stop the other.
 test: $(VENV)/.installed-test
@@ -32,7 +32,7 @@ test: $(VENV)/.installed-test
 # The tests start hundreds of processes; without byte code each of them would compile the package anew.
 pytest: export PYTHONDONTWRITEBYTECODE =
 pytest: $(VENV)/.installed-test
-	$(BIN)/pytest -n 2 --dist loadgroup
+	$(BIN)/pytest -n 2 --dist worksteal
 
 # The site of the pages: open build/docs/index.html, which needs no network. A warning is an error.
 docs: $(VENV)/.installed-test

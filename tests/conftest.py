@@ -142,19 +142,29 @@ _ORDER = (
 )
 
 
-@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sort by the place of a test's folder or file in `_ORDER`, and group what one worker takes."""
+    """Sort by the place of a test's folder or file in `_ORDER`."""
 
     def rank(item: pytest.Item) -> int:
         return _ORDER.index(max((one for one in _ORDER if item.nodeid.startswith(one)), key=len))
 
     items.sort(key=rank)
-    for item in items:
-        if item.nodeid.startswith(_LOCKSTEP):
-            item.add_marker(pytest.mark.xdist_group(item.nodeid.split("::")[0]))
-        elif item.nodeid.startswith(_NODES):
-            item.add_marker(pytest.mark.xdist_group("nodes"))
+
+
+# `--dist loadgroup` does not do it: pytest 9.2 has no `_nodeid`, to which xdist 3.8 appends the name of a group.
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
+    """Give the runs of nodes to one worker but for long ones in lockstep, and the other tests one by one."""
+    from xdist.scheduler import LoadScopeScheduling
+
+    class Scheduling(LoadScopeScheduling):
+        def _split_scope(self, nodeid: str) -> str:
+            if nodeid.startswith(_LOCKSTEP):
+                return nodeid.split("::")[0]
+            return "nodes" if nodeid.startswith(_NODES) else nodeid
+
+    config.option.loadscopereorder = False  # keeps `_ORDER`
+    return Scheduling(config, log)
 
 
 _BEGUN = pytest.StashKey[bool]()

@@ -1,4 +1,4 @@
-"""Reduced-order models, control, estimation, pneumatics and device protocols for pneumatic soft arms."""
+"""Model, control, estimation, safety, twin and closed loop of pneumatic soft arms."""
 
 from __future__ import annotations
 

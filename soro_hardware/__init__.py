@@ -1,4 +1,4 @@
-"""Pressure regulators behind one port: drivers, transports and emulated devices."""
+"""Pressure regulators behind one port: drivers, supervisor, doctor, procedures, emulated devices."""
 
 from soro_hardware.families import Platform, load_platform, open_regulator
 from soro_hardware.platform import PlatformBase

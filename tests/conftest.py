@@ -151,7 +151,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=rank)
 
 
-# `--dist loadgroup` does not do it: pytest 9.2 has no `_nodeid`, to which xdist 3.8 appends the name of a group.
+# `--dist loadgroup` does not do it: xdist 3.8 writes the group into `_nodeid`, which pytest 9.2 has not.
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
     """Give the runs of nodes to one worker but for long ones in lockstep, and the other tests one by one."""

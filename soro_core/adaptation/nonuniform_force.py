@@ -13,7 +13,7 @@ from soro_core.arrays import Array
 
 @dataclass(frozen=True)
 class UnevenForce:
-    """What the force of constant strains lacks at rest, about coordinates and a mass at the tip.
+    """Error of the generalised force of constant strains at rest, about coordinates and a mass at the tip.
 
     Attributes
     ----------

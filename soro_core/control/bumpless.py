@@ -41,7 +41,7 @@ def apply_transfer(before: BumplessTransfer, desired: Array, dt: float) -> tuple
 
     Parameters
     ----------
-    before : Transfer
+    before : BumplessTransfer
         After the last tick.
     desired : ndarray (n_q,)
         Force of the law.

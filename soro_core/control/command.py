@@ -36,8 +36,8 @@ class ControllerState:
         Last allocation [Pa gauge], the start of the next search.
     creep : ndarray (n_internal,)
         Creep and hysteresis states along the estimated motion.
-    shape : Shape
-        Of the coordinates that no chamber moves.
+    shape : UnderactuatedState
+        Of the unactuated coordinates.
     saturated : ndarray of bool (n_u,)
         Chambers at a bound at the last tick.
     regulators : RegulatorState or None
@@ -46,7 +46,7 @@ class ControllerState:
         What the user must know.
     following : Following or None
         The reference in force; None before the first tick.
-    transfer : Transfer
+    transfer : BumplessTransfer
         To the law of now from the one before a change of its keys.
     point : Point or None
         The reference at the last tick; None before the first tick.

@@ -22,7 +22,7 @@ _SHOWN_S = 5.0
 
 @dataclass(frozen=True)
 class WatchState:
-    """State of the watch.
+    """State of the monitor.
 
     Attributes
     ----------

@@ -94,7 +94,7 @@ class RestingArm:
 
         Parameters
         ----------
-        seen : sequence of Seen
+        seen : sequence of SensorSample
             Samples of the sensors.
         bounds : EnableBounds
         between : callable

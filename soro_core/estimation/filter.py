@@ -127,7 +127,7 @@ class Filter:
             Pressures [Pa gauge].
         dt : float
             Time step [s].
-        known : Known
+        known : LearnedInput
             The learned force in force.
 
         Returns
@@ -164,7 +164,7 @@ class Filter:
             Pressures [Pa gauge].
         dt : float
             Time step [s], may be 0.
-        known : Known
+        known : LearnedInput
             The learned force in force.
         sample : PoseSample or ImuSample
             Finite.
@@ -209,7 +209,7 @@ class Filter:
         return (self._nothing, 0.0) if known.learned is None else (known.learned.theta, known.share)
 
     def _expect(self, belief: Belief, pressure_pa: Array, s: float, share: float) -> None:
-        """Set what an IMU sample is compared with; the uneven strain comes in and goes with the learned load.
+        """Set what an IMU sample is compared with; non-uniform strain comes and goes with the learned load.
 
         Without that load the elongation is wrong, and pressures would say a wrong load.
         """

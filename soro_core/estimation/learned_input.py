@@ -44,7 +44,7 @@ def update_learned_input(
 
     Parameters
     ----------
-    state : Known
+    state : LearnedInput
         After the last tick.
     learned : Learned or None
         What came since then, finite; None for nothing.
@@ -53,7 +53,7 @@ def update_learned_input(
     placed : bool
         False where the filter has orientations alone.
     uneven : bool
-        Whether the filter knows what an uneven strain does to orientations. If not, a mass that these have
+        Whether the filter knows what non-uniform strain does to orientations. If not, a mass that these have
         taught would confirm itself in what they do not see, and its force is not used.
     """
     kept, age_s = (state.learned, state.age_s + dt) if learned is None else (learned, 0.0)

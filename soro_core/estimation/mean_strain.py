@@ -46,7 +46,7 @@ class StrainProfile(NamedTuple):
 
 
 class Uneven:
-    """The uneven strain of one arm of uniform strains.
+    """The non-uniform strain of one arm of uniform strains.
 
     Parameters
     ----------
@@ -143,7 +143,7 @@ class Uneven:
 
 
 def uneven_of(arm: SoftArm, pieces: int = 1) -> Uneven | None:
-    """Return the uneven strain of an arm, None where there is none to compute.
+    """Return the non-uniform strain of an arm, None where there is none to compute.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ class Segment(NamedTuple):
         Belief at `start_s`.
     samples : tuple of Sample
         Samples fused in the interval.
-    known : Known
+    known : LearnedInput
         Learned force in the interval.
     """
 
@@ -80,7 +80,7 @@ class EstimatorState(NamedTuple):
         Stamp of the newest fused pose [s].
     sensors : mapping of str to Sensor
         What is kept of each sensor.
-    known : Known
+    known : LearnedInput
         Learned force in force.
     monitors : mapping of str to SensorMonitor
         How well the samples of each sensor fit.

@@ -1,6 +1,6 @@
 """Directions of q that position measurements do not constrain.
 
-The filter knows such a shape from its model, and calls it certain. What a learner finds in it is then the
+The filter knows such a direction from its model, and calls it certain. What a learner finds in it is then the
 model's own error, which the filter follows and the learner finds again. It must not be learned from.
 """
 

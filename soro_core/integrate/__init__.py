@@ -1,4 +1,4 @@
-"""Steppers in time, one a file, and `simulate`."""
+"""Integration in time: `simulate`, steppers, derivatives of a step, air, and the balance of energy."""
 
 from soro_core.integrate.simulate import Result, simulate
 from soro_core.integrate.simulate_many import simulate_many

@@ -141,7 +141,7 @@ def measure_imu(
     ----------
     config : SensorConfig
         Noise and outliers.
-    motion : Motion
+    motion : SectionMotion
         True motion of the cross-section.
     gravity : ndarray (3,)
         Acceleration of gravity in the world [m/s^2].

@@ -78,7 +78,7 @@ def kept(data: Snapshots, states: Sequence[Backbone], found: PodModes | None, n:
     ----------
     data : Snapshots
     states : sequence of Backbone
-    found : Modes or None
+    found : PodModes or None
         None for constant strains.
     n : int
         Number of modes that are used, the first ones.

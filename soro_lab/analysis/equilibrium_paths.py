@@ -30,7 +30,7 @@ class Place:
     tip_m : ndarray (3,)
         Position of the tip in the world [m].
     tip : TipStiffness
-    modes : Modes
+    modes : LinearisedModes
     """
 
     pressure_pa: Array

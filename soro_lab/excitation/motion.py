@@ -82,7 +82,7 @@ def beyond(motion: MotionCriteria, rest: AtRest, sample: Sample, outermost: bool
 
     Parameters
     ----------
-    motion : Motion
+    motion : MotionCriteria
         Limits.
     rest : AtRest
         The sensor at rest.
@@ -138,7 +138,7 @@ def is_still(
 
     Parameters
     ----------
-    motion : Motion
+    motion : MotionCriteria
         Length, and which sensors count: poses where there are some.
     rest : mapping of str to AtRest
         The sensors at rest, by name.

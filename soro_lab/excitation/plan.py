@@ -24,7 +24,7 @@ class Plan:
     ----------
     names : tuple of str
         Names of the chambers.
-    sections : tuple of Section
+    sections : tuple of ExcitationSegment
         In order; the first one is the arm without pressure.
     """
 

@@ -33,7 +33,7 @@ class Excitation:
     ----------
     plan : Plan
         Sections.
-    motion : Motion
+    motion : MotionCriteria
         Limits of the motion.
     warned : Warned or None
         The section that the model warns of.

@@ -55,7 +55,7 @@ class Sweep:
 
 @dataclass(frozen=True)
 class ExcitationSegment:
-    """Set points from the end of the section before to a level, and there.
+    """Set points from the end of the segment before to a level, and there.
 
     Attributes
     ----------

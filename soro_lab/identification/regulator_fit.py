@@ -74,7 +74,7 @@ class AirFit:
 
     Attributes
     ----------
-    kind : Kind
+    kind : RegulatorModelType
         Kind of model.
     models : dict
         Models fitted to all runs by line; the key is "" if all lines share one.
@@ -160,7 +160,7 @@ def fit_air(
     ----------
     steps : sequence of Step
         Measured steps.
-    kind : Kind
+    kind : RegulatorModelType
         Kind of model.
     group_of : callable, optional
         Group of a step: each group in turn is held out. Default: `groups`.

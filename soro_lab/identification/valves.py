@@ -102,7 +102,7 @@ def regulator_response(model: RegulatorModel, steps: Sequence[Step], t: Array | 
     Response
     """
     free = {"hysteresis_pa": 0.0, "command_resolution_pa": 0.0, "minimum_pa": -AMBIENT_PA + 400.0}
-    # Not `changed`: no bound at all is no allowed value of a file.
+    # Not `with_changes`: no bound at all is no allowed value of a file.
     model = model.model_copy(update={**free, "gain": 1.0, "maximum_pa": math.inf})
     start, end = _levels(steps)
     state = RegulatorState(pressure_pa=start, target_pa=start)

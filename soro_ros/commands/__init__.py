@@ -1,0 +1,1 @@
+"""Commands that need ROS or recordings of it."""

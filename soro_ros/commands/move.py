@@ -94,7 +94,7 @@ def path(kind: MotionType, start: Array, goals: Array) -> Array:
 
     Parameters
     ----------
-    kind : Kind
+    kind : MotionType
     start : ndarray (3,)
         Where the tip is wanted now [m].
     goals : ndarray (n, 3)

@@ -1,4 +1,4 @@
-"""The section of measured step responses runs through; its figures are asserted in tests/identification."""
+"""The section of measured step responses runs through; tests/soro_lab/identification asserts its figures."""
 
 import re
 from pathlib import Path

@@ -80,7 +80,7 @@ class Preview:
         the law's own force puts them, and the tip is that of the given reference.
     ahead_s : float
         Time until then [s].
-    motions : DrivenMotions or None
+    motions : ActuatedSubspace or None
         What the chambers can move about `ahead`; None where that is all.
     """
 
@@ -101,7 +101,7 @@ class Made:
     actuation : ndarray (n_q, n_u)
         H where it was allocated, with the gains of the file.
     acting_pa : ndarray (n_u,)
-        Effective pressures [Pa] of the measured ones: the same, but for a dead band.
+        Effective pressures [Pa] of the measured ones, beyond dead band and ballooning.
     saturated : bool
         Whether a chamber is at a bound.
     """

@@ -46,7 +46,7 @@ class Route:
     ----------
     first : ndarray (n_q,)
         Coordinates of its first pose.
-    parts : tuple of Part
+    parts : tuple of MotionSegment
         From rest to rest each.
     factor : float
         How many times longer they take than asked for.

@@ -131,7 +131,7 @@ class PiecewiseMotion(Reference):
 
     Attributes
     ----------
-    parts : sequence of Part
+    parts : sequence of MotionSegment
         Each begins where the one before ends, which is at rest. The first may begin in motion.
     start_s : float
         Time of the begin [s].

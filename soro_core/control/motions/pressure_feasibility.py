@@ -158,7 +158,7 @@ def rates(
     ----------
     supply : Supply
         What the law asks for, and what the chambers give.
-    part : Part
+    part : MotionSegment
         The motion.
     dt : float
         Period of the set points [s].

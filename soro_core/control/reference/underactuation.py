@@ -104,7 +104,7 @@ class ActuatedSubspace:
 
 
 class UnderactuatedReference:
-    """The coordinates of one arm that no chamber moves.
+    """The reference of an underactuated arm, whose unactuated coordinates are kept in equilibrium.
 
     Parameters
     ----------
@@ -140,7 +140,7 @@ class UnderactuatedReference:
 
         Parameters
         ----------
-        state : Shape
+        state : UnderactuatedState
             After the last tick.
         point : Point
             The given reference.
@@ -151,10 +151,10 @@ class UnderactuatedReference:
 
         Returns
         -------
-        state : Shape
+        state : UnderactuatedState
         point : Point
             Its tip is that of the given reference as far as the chambers can bring it there.
-        motions : DrivenMotions
+        motions : ActuatedSubspace
             About this reference.
         """
         unit, inverse = self.unit, self.inverse
@@ -188,7 +188,7 @@ class UnderactuatedReference:
     def _stiffness(
         self, state: UnderactuatedState, q: Array, now: Array, missed: Callable[[Array], Array]
     ) -> Array:
-        """Return the slope of the missed force with one column found anew; at the first tick all."""
+        """Return the slope of the residual with one column found anew; at the first tick all."""
         first = state.stiffness is None
         columns = range(self.arm.n_q) if first else (state.column,)
         stiffness = np.zeros((q.size, q.size)) if state.stiffness is None else state.stiffness.copy()

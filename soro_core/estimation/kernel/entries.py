@@ -118,7 +118,7 @@ def advance(
 
 @entry
 def expect(box: Box, place: Array, mean: Array, by_q: Array, by_rate: Array) -> None:
-    """Set what the next IMU sample is compared with: `uneven.Shape` about the coordinates `place`."""
+    """Set what the next IMU sample is held against: `mean_strain.StrainProfile` about coordinates `place`."""
     w = view(box).scratch
     assign(place, w.place)
     assign(mean, w.uneven)

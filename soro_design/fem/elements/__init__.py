@@ -1,1 +1,1 @@
-"""Elements, materials and loads as kernels."""
+"""Elements, materials, fibres and pressures that follow the walls, as kernels."""

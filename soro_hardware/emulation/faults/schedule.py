@@ -1,4 +1,4 @@
-"""Scheduled and active faults of emulated devices; `vocabulary` defines their names."""
+"""Scheduled and active faults of emulated devices; `fault_types` defines their names."""
 
 from __future__ import annotations
 

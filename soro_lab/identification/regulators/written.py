@@ -33,7 +33,7 @@ def pump_text(found: FoundPump) -> list[str]:
 
 
 def air_text(found: FoundAir) -> list[str]:
-    """Return the lines of pumps and leaks; those of regulators are a table (`air.rows`)."""
+    """Return the lines of pumps and leaks; those of regulators are a table (`regulator_fit.rows`)."""
     return [*(pump_text(found.pump) if found.pump is not None else ()), *leak_text(found.leaks)]
 
 

@@ -73,7 +73,7 @@ class Case(Protocol):
         ----------
         arm : SoftArm
         values : mapping of str to float
-            Numbers by name; those of a release (`starts`) are used.
+            Numbers by name; those of a release (`initial_conditions`) are used.
 
         Raises
         ------

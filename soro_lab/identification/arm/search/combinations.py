@@ -59,7 +59,7 @@ def combinations(
 
     Parameters
     ----------
-    numbers : sequence of Number
+    numbers : sequence of ArmParameter
         Of the problem, in the order of the correlation.
     sure : Certainty
     values : mapping of str to float

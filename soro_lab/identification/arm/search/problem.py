@@ -67,7 +67,7 @@ class Problem:
     robot : Robot
         Holds what is not searched.
     cases : tuple of Case
-    numbers : tuple of Number
+    numbers : tuple of ArmParameter
         Searched; `value` is the most likely value before any data, `doubt` the deviation from it. Names that
         begin with ``frame/`` belong to the measurement, those with ``run/`` to one run, others to the robot.
     expected : mapping of str to array

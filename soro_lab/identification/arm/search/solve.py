@@ -123,7 +123,7 @@ class _Motion:
         Of each case, those of its run, and of when its samples were taken.
     paths : tuple of Path
     does : list of lists of arrays
-        Of `Problem.shown`.
+        Of `Problem.predict`.
     """
 
     robot: bytes

@@ -23,7 +23,7 @@ _NODE = """
 import sys, time
 from rclpy.node import Node
 from std_msgs.msg import String
-from soro_ros import middleware
+from soro_ros.host import middleware
 import rclpy
 middleware.init()
 """

@@ -47,7 +47,7 @@ import json, sys, time
 import numpy as np, rclpy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
-from soro_ros import messages
+from soro_ros.conversion import messages
 from soro_ros.nodes.controller import ControllerNode
 from tests.soro_ros.direct import after_publish, captured, receive, request
 

@@ -31,7 +31,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from std_msgs.msg import UInt8MultiArray
-from soro_ros import middleware
+from soro_ros.host import middleware
 rate, seconds, size, reliability = float(sys.argv[1]), float(sys.argv[2]), int(sys.argv[3]), sys.argv[4]
 middleware.init()
 node = Node("load", start_parameter_services=False)

@@ -28,7 +28,7 @@ import json, time
 import numpy as np, rclpy
 from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
-from soro_ros import messages
+from soro_ros.conversion import messages
 from soro_ros.nodes.controller import ControllerNode
 from tests.soro_ros.direct import receive
 

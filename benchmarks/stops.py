@@ -33,12 +33,12 @@ _PATIENCE_S = 30.0
 _HOST = """
 import sys, time
 import numpy as np
-from soro_core.config import changed
+from soro_core.config import with_changes
 from soro_core.errors import HardwareError
 from soro_hardware import load_platform, open_regulator
 
 name, device, state = sys.argv[1:]
-platform = changed(load_platform(name), shutdown_ramp_pa_s=20e3)
+platform = with_changes(load_platform(name), shutdown_ramp_pa_s=20e3)
 regulator = open_regulator(platform, device)
 known, begin, slowest_s = "", 0.0, 0.0
 

@@ -156,8 +156,8 @@ for name, callback in (
     ("report", lambda: fire(node, 1.0)),
 ):
     count(name, callback)
-(monitor,) = (one for one in node.state.monitors.values() if one.delay is not None)
-assert np.linalg.norm(monitor.delay.solution) > 0.0
+(delay,) = node.delays.fits.values()
+assert np.linalg.norm(delay.solution) > 0.0
 """
 
 

@@ -35,7 +35,8 @@ NODES = textwrap.dedent(
     from sensor_msgs.msg import JointState
     from std_srvs.srv import Trigger
     from soro_core.safety import Limiter, Limits
-    from soro_ros import messages, middleware, qos
+    from soro_ros.conversion import messages, qos
+    from soro_ros.host import middleware
     from soro_ros.topics.chambers import ChamberInterface
     from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
     from soro_ros.run.faults import FaultInterface

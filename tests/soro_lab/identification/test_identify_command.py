@@ -98,9 +98,8 @@ def _still(here: Path) -> Path:
         (lambda here: _csv(here, x=np.full(400, np.nan)), "tip"),
         (_still, ""),
         (lambda here: here / "absent.csv", ""),
-        (lambda here: here / "absent", ""),
     ],
-    ids=["no poses", "no pressures", "other chambers", "backwards", "nan", "no motion", "no file", "no bag"],
+    ids=["no poses", "no pressures", "other chambers", "backwards", "nan", "no motion", "no file"],
 )
 def test_bad_recordings_are_refused(recording: Callable[[Path], Path], key: str, here: Path) -> None:
     path = recording(here)
@@ -110,6 +109,12 @@ def test_bad_recordings_are_refused(recording: Callable[[Path], Path], key: str,
     assert result.exception.key == key, result.exception
     assert "\n" not in str(result.exception)
     assert not (here / "new.yaml").exists()
+
+
+def test_a_missing_bag_is_one_line(here: Path) -> None:
+    result = _soro("arm.yaml", here / "absent", "--out", "new.yaml")
+    assert (result.exit_code, result.output.count("\n")) == (2, 1)
+    assert "absent" in result.output
 
 
 def test_wrong_options_are_refused(here: Path) -> None:

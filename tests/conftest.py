@@ -143,12 +143,15 @@ _ORDER = (
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Sort by the place of a test's folder or file in `_ORDER`."""
+    """Sort by the place of a test's folder or file in `_ORDER`; what has a domain of ROS needs ROS."""
 
     def rank(item: pytest.Item) -> int:
         return _ORDER.index(max((one for one in _ORDER if item.nodeid.startswith(one)), key=len))
 
     items.sort(key=rank)
+    for item in items:
+        if "domain" in getattr(item, "fixturenames", ()):
+            item.add_marker(pytest.mark.ros)
 
 
 # `--dist loadgroup` does not do it: xdist 3.8 writes the group into `_nodeid`, which pytest 9.2 has not.

@@ -31,6 +31,7 @@ def test_a_stand_still_is_seen():
     assert stood.longest_s > 2 * STILL_S
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("before", "passes_after", "runs", "status"),
     [(STAND_STILL, 1, 2, 0), (STAND_STILL, 9, 3, 1), ("pass", 0, 1, 0)],

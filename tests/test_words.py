@@ -4,6 +4,8 @@ import ast
 from collections import defaultdict
 from pathlib import Path
 
+import pytest
+
 from tests.docs.test_pages import RETIRED
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -22,6 +24,7 @@ def trees():
         yield path.relative_to(ROOT), ast.parse(path.read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_a_public_class_name_stands_once():
     places = defaultdict(list)
     for path, tree in trees():

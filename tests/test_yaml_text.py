@@ -96,6 +96,7 @@ def test_numbers_that_readers_take_differently_are_refused_with_their_key(text, 
     assert "in quotes" in caught.value.allowed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "words"),
     [
@@ -146,6 +147,7 @@ BOMBS = {
 }
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", BOMBS)
 def test_aliases_of_aliases_cost_little(tmp_path, name):
     """In a process of 1 GB of memory and 20 s of processor, with the interpreter and its imports."""

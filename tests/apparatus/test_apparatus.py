@@ -7,6 +7,7 @@ from tests.apparatus.__main__ import SECTIONS, app
 from tests.apparatus.faults.matrix import MATRIX
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", ["faults", "fuzz", "bags"])
 def test_section_is_written_and_as_stated(tmp_path, monkeypatch, name):
     monkeypatch.setattr("tests.apparatus.faults.MATRIX", {"veab_tcp": MATRIX["veab_tcp"]})

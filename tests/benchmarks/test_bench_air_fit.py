@@ -17,6 +17,7 @@ def measured(folder: Path) -> str:
     return (folder / "RESULTS.md").read_text()
 
 
+@pytest.mark.slow
 def test_section_is_written_with_numbers_and_a_picture(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,5 +1,6 @@
 """The section of rates over the paced bus runs through; no rate that it must reach is asserted."""
 
+import pytest
 from result_tables import tables, written
 
 from benchmarks.can_rates import LAYOUTS, TITLE, platform
@@ -8,6 +9,7 @@ from soro_hardware.canopen.budget import highest_rate_hz
 from soro_hardware.canopen.config import CanopenPlatform
 
 
+@pytest.mark.process
 def test_every_cycle_is_made_and_none_faster_than_the_bus(tmp_path):
     text = written(tmp_path, "can_rates")
     assert f"## {TITLE}" in text

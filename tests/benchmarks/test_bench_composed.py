@@ -6,6 +6,7 @@ from result_tables import tables, written
 from benchmarks.soak import MOST_MB, Look, growth
 
 
+@pytest.mark.process
 @pytest.mark.timeout(300)
 def test_the_cycles_of_the_loop_in_one_process(tmp_path):
     rates, parts = tables(written(tmp_path, "composed"))

@@ -1,9 +1,12 @@
 """The sections of the hardware run through, and every device answers; no rate and no time is asserted."""
 
+import pytest
 from result_tables import tables, written
 
 from benchmarks.__main__ import SECTIONS
 from benchmarks.kills import CASES
+
+pytestmark = pytest.mark.process
 
 
 def section(folder, name):

@@ -17,6 +17,7 @@ def measured(folder: Path) -> str:
     return (folder / "RESULTS.md").read_text()
 
 
+@pytest.mark.slow
 def test_the_shipped_file_and_a_law_are_judged(
     data: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -16,6 +16,7 @@ def has_data(data):
         pytest.skip(f"no data set asu_two_segment in {data} (set SORO_DATA)")
 
 
+@pytest.mark.slow
 def test_the_shipped_file_predicts_the_runs_that_were_kept_back(data, figure):
     robot = load_robot("asu_two_segment")
     runs = [read_csv(f, "asu_two_segment", robot) for f in sorted((data / "asu_two_segment").glob("*.csv"))]

@@ -28,6 +28,7 @@ def run(tmp_path):
     return call
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["forward", "derivatives", "terms", "realtime"])
 def test_a_section_is_written_with_numbers(run, name):
     result, text = run("--only", name)
@@ -40,6 +41,7 @@ def test_a_section_is_written_with_numbers(run, name):
     assert name == "terms" or "soromox was not measured" in text
 
 
+@pytest.mark.slow
 def test_the_section_of_design_has_all_its_parts(run):
     result, text = run("--only", "design")
     assert result.exit_code == 0, result.output

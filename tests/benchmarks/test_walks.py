@@ -13,6 +13,7 @@ def walks():
     return {"control tick": control, "CANopen cycle": canopen_walk(), "pose to state": pose}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MOST)
 def test_a_tick_calls_no_more_functions_than_stated(walks, name):
     walk = walks[name]

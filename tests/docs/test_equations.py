@@ -47,6 +47,7 @@ def site(tmp_path_factory):
     return {page: html.read_text(encoding="utf-8") for page, html in zip(PAGES, built, strict=True)}
 
 
+@pytest.mark.process
 def test_every_equation_is_typeset(site):
     assert {"control", "estimation", "model"} <= {page.stem for page in PAGES}
     for page, html in site.items():
@@ -77,6 +78,7 @@ def test_equations_within_sentences_are_also_right_on_a_forge():
     assert {name: found for name, found in wrong.items() if found} == {}
 
 
+@pytest.mark.process
 def test_an_unknown_command_of_an_equation_ends_the_build(tmp_path):
     page = tmp_path / "page.md"
     page.write_text("# A page\n\n```math\n\\unheard x\n```\n")

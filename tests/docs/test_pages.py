@@ -92,12 +92,14 @@ def test_a_superseded_decision_and_its_successor_name_each_other():
 RETIRED = re.compile(r"\b(?:wished|undriven|unevenly|uneven bend|what acts of)\b", re.IGNORECASE)
 
 
+@pytest.mark.process
 def test_pages_use_the_terms_of_the_field():
     for page in (page for page in pages() if ROOT / "docs" in page.parents):
         text = LINK.sub("", CODE.sub("", page.read_text(encoding="utf-8")))
         assert RETIRED.findall(text) == [], page.name
 
 
+@pytest.mark.process
 def test_pictures_of_the_pages_are_used_and_small():
     used = {
         name

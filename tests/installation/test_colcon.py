@@ -29,6 +29,7 @@ print(repr(found))
 """
 
 
+@pytest.mark.process
 def test_colcon_reads_the_attributes_back():
     done = subprocess.run(
         [sys.executable, "-W", "ignore", "-c", ASK], cwd=ROOT, capture_output=True, text=True, check=True

@@ -98,6 +98,7 @@ def commands(bag):
     }
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "absent", [("hardware", "ros", "board", "dask", "view"), ("ros",), ("hardware",), ("view",)]
 )
@@ -120,6 +121,7 @@ def test_the_command_lines_are_of_every_subcommand_that_needs_an_extra():
     assert names == {line[1] for line in commands("bag")} | ALONE
 
 
+@pytest.mark.process
 def test_a_new_arm_is_written_without_any_extra(tmp_path):
     lines = [
         ["soro", "new", f"arm{k}", "--platform", platform, "--out", str(tmp_path)]
@@ -131,23 +133,27 @@ def test_a_new_arm_is_written_without_any_extra(tmp_path):
     assert len(list(tmp_path.glob("*_scene.yaml"))) == 3
 
 
+@pytest.mark.process
 def test_a_node_without_ros_ends_with_one_line():
     for name, (status, text) in said(modules("ros"), [[name] for name in NODES]).items():
         assert status == 2, name
         assert text == "soro: the package rclpy is not installed: pip install 'soro[ros]'\n", name
 
 
+@pytest.mark.process
 def test_beside_a_ros_of_its_own_only_the_package_is_named(tmp_path):
     pytest.importorskip("rclpy", reason="the ROS part is not installed on this platform")
     ((status, text),) = said(["mcap"], [["soro", "bag", "info", str(tmp_path)]]).values()
     assert (status, text) == (2, "soro: the package mcap is not installed: pip install mcap\n")
 
 
+@pytest.mark.process
 def test_on_a_board_without_the_model_only_the_package_is_named():
     ((status, text),) = said(["numba", "smbus2"], [["soro", "board", "soro_board", "--check"]]).values()
     assert (status, text) == (2, "soro: the package smbus2 is not installed: pip install smbus2\n")
 
 
+@pytest.mark.process
 def test_the_model_imports_without_any_extra():
     code = """
 from importlib import import_module
@@ -162,6 +168,7 @@ for package in map(import_module, packages):
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.process
 def test_the_server_of_a_board_needs_no_more_than_its_own_package_brings():
     code = (
         "from soro_hardware.board.pi.server import main\n"

@@ -13,6 +13,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.process
+
 ROOT = Path(__file__).resolve().parents[2]
 # By OPENBLAS_CORETYPE: the name under which OpenBLAS reports its kernels, and what the processor must offer.
 # Those of Prescott serve every x86-64 processor; OpenBLAS reports them by an older name.

@@ -39,6 +39,7 @@ def test_changelog_and_citation_state_the_same_day():
     assert RELEASES[1][1] == str(CITATION["date-released"])
 
 
+@pytest.mark.process
 def test_the_command_prints_the_version():
     command = [sys.executable, "-m", "soro_ros.cli", "--version"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
@@ -78,6 +79,7 @@ def sources(tmp_path_factory):
     return folder
 
 
+@pytest.mark.process
 def test_the_wheel_that_is_built_from_the_sdist_has_every_file(sources, tmp_path):
     with tarfile.open(build("build_sdist", sources, tmp_path / "dist")) as archive:
         archive.extractall(tmp_path, filter="data")
@@ -104,6 +106,7 @@ def test_the_wheel_that_is_built_from_the_sdist_has_every_file(sources, tmp_path
     assert wanted - set(held) == set()
 
 
+@pytest.mark.process
 def test_type_checkers_outside_the_checkout_see_an_editable_installation(sources, tmp_path):
     """Mypy and pyright read the paths of .pth files; they run no import hook."""
     wheel = build("build_editable", sources, tmp_path / "dist")

@@ -33,5 +33,6 @@ def test_the_lowest_releases_are_those_of_every_requirement_that_states_one():
         assert Requirement(line).specifier.contains(release.version)
 
 
+@pytest.mark.process
 def test_the_pythons_tried_are_those_allowed():
     assert list(find_pythons(">=3.11,<3.14")) == ["3.11", "3.12", "3.13"]

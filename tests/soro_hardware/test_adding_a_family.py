@@ -58,6 +58,7 @@ def platform(path, package, monkeypatch):
     return load_platform(path)
 
 
+@pytest.mark.process
 def test_soro_runs_an_arm_on_it(path, package, tmp_path):
     paths = os.pathsep.join([str(package), os.environ.get("PYTHONPATH", "")])
     command = [
@@ -100,6 +101,7 @@ def exchanged(regulator, cycles, setpoint_pa):
     return result
 
 
+@pytest.mark.process
 def test_platform_file_emulator_driver_watchdog_and_doctor(platform):
     assert platform.device == "192.168.4.7:4000"
     with served(platform) as (devices, address):

@@ -85,6 +85,7 @@ def happen(rig, kind, chamber, pressure_pa, way):
         rig.restart(chamber)
 
 
+@pytest.mark.slow
 @families
 @settings(max_examples=EXAMPLES, deadline=None, derandomize=True)
 @given(

@@ -19,6 +19,8 @@ from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.messages import Refusal
 from tests.refused import fails
 
+pytestmark = pytest.mark.process
+
 OTHERS = ["192.168.4.0/24", "10.0.0.7"]
 
 

@@ -147,12 +147,14 @@ def lasting(tmp_path_factory):
         yield served
 
 
+@pytest.mark.process
 def test_self_test_is_reported_and_every_port_vented(lasting):
     warning = "the DAC asks for 100.0 kPa after power-up; `soro board --store-safe` mends it"
     assert lasting.lines[:4] == [f"port {n}: ok, 0.0 kPa, {warning}" for n in range(4)]
     assert lasting.codes() == dict.fromkeys(range(4), SAFE)
 
 
+@pytest.mark.process
 def test_exchange(lasting):
     regulator = lasting.connect()
     results = cycles(regulator, 50)
@@ -163,6 +165,7 @@ def test_exchange(lasting):
     assert wait_for(lasting.vented_ns)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_ports_vent_when_the_driver_is_killed_or_hangs(tmp_path, number):
     """Killed: its connection ends. Stopped: it does not, and the watchdog alone is left."""
@@ -178,6 +181,7 @@ def test_ports_vent_when_the_driver_is_killed_or_hangs(tmp_path, number):
     assert min(delays) < 0.15, delays
 
 
+@pytest.mark.process
 def test_server_killed(served):
     """The guard vents; the driver says so in its next cycle."""
     regulator = served.connect()
@@ -194,6 +198,7 @@ def test_server_killed(served):
     regulator.close()
 
 
+@pytest.mark.process
 def test_server_hangs(tmp_path):
     """No set points for the DACs and no watch of the host: the watcher ends the server."""
     with serving(tmp_path, **{**PATIENT, "board": {"watchdog_s": 0.5, "hang_s": 0.3}}) as served:
@@ -205,6 +210,7 @@ def test_server_hangs(tmp_path):
         regulator.close()
 
 
+@pytest.mark.process
 def test_guard_killed(served):
     """The server ends with its watcher."""
     regulator = served.connect()
@@ -214,6 +220,7 @@ def test_guard_killed(served):
     regulator.close()
 
 
+@pytest.mark.process
 def test_guard_stands_still(served):
     """Nobody would vent after the server: it ends in time, and vents before."""
     regulator = served.connect()
@@ -230,6 +237,7 @@ def test_guard_stands_still(served):
     regulator.close()
 
 
+@pytest.mark.process
 def test_a_pressed_stop_vents_and_the_driver_is_told(tmp_path):
     with serving(tmp_path, board={"stop": {"line": 17}, **PATIENT["board"]}, host=PATIENT["host"]) as served:
         regulator = served.connect()
@@ -258,6 +266,7 @@ def started(regulator):
     return True
 
 
+@pytest.mark.process
 def test_terminated(served):
     regulator = served.connect()
     cycles(regulator, 20)
@@ -269,6 +278,7 @@ def test_terminated(served):
     regulator.close()
 
 
+@pytest.mark.process
 def test_a_guard_that_cannot_vent_says_so():
     """The server dies with a bus on which no chip answers: the DACs hold what they have."""
     script = (
@@ -281,6 +291,7 @@ def test_a_guard_that_cannot_vent_says_so():
     assert "the server was killed by SIGKILL" in done.stderr
 
 
+@pytest.mark.process
 def test_garbage_of_a_stranger_does_not_end_it(lasting):
     host, port = lasting.address.split(":")
     rng = np.random.default_rng(5)
@@ -296,6 +307,7 @@ def test_garbage_of_a_stranger_does_not_end_it(lasting):
     regulator.close()
 
 
+@pytest.mark.process
 def test_a_host_that_never_reads_does_not_hold_it_up(lasting):
     host, port = lasting.address.split(":")
     with socket.create_connection((host, int(port))) as deaf:
@@ -306,6 +318,7 @@ def test_a_host_that_never_reads_does_not_hold_it_up(lasting):
     assert wait_for(lasting.vented_ns)
 
 
+@pytest.mark.process
 def test_needs_no_ros_no_numba_and_no_can():
     code = (
         "import sys, soro_hardware.board.pi.server, soro_hardware.board.driver\n"
@@ -326,6 +339,7 @@ main()
 """
 
 
+@pytest.mark.process
 def test_command_without_ros():
     done = subprocess.run([sys.executable, "-c", WITHOUT_ROS], capture_output=True, text=True, check=False)
     assert done.stderr == "soro: the package smbus2 is not installed: pip install 'soro[board]'\n"

@@ -113,6 +113,7 @@ def test_a_board_whose_stop_is_pressed_does_not_start():
         bench.driver.configure()
 
 
+@pytest.mark.process
 def test_doctor_names_a_pressed_stop():
     platform = board_platform(**STOP)
     with served(platform) as (devices, address):

@@ -142,6 +142,7 @@ def test_a_state_that_is_not_operational_is_named(bench, state):
     assert ("left_operational", "link0/chamber1 (node 2)") in codes(bench.run(1, 50e3))
 
 
+@pytest.mark.process
 def test_over_a_pseudo_terminal(tmp_path):
     with (
         emulator(tmp_path, "--lockstep", platform=platform_file(tmp_path, **GUARDED)) as served,

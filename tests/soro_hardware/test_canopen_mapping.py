@@ -215,6 +215,7 @@ def test_fixed_map_is_compared_only():
         bench.driver.configure()
 
 
+@pytest.mark.process
 def test_same_bytes_over_a_pseudo_terminal(tmp_path):
     changes = {"valves": FOUR, "canopen": {"mapping": {"device": "cia408_4ch"}}}
     path = platform_file(tmp_path, **changes)

@@ -92,6 +92,7 @@ def test_nodes_that_were_stopped_or_just_booted_need_no_reset():
     works(bench)
 
 
+@pytest.mark.process
 def test_a_driver_process_that_was_killed_is_followed_by_another(tmp_path):
     path = platform_file(tmp_path)
     with emulator(tmp_path, platform=path) as served:

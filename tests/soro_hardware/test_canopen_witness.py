@@ -69,6 +69,7 @@ def emergency(node, code):
     return wait_for(lambda: [e for e in node.emcy.log if e.code == code])[0]
 
 
+@pytest.mark.process
 def test_sdo_of_another_library(node):
     assert node.sdo[0x1000].raw & 0xFFFF == 408
     assert node.sdo[0x1018][2].raw == 0x408
@@ -77,6 +78,7 @@ def test_sdo_of_another_library(node):
     assert node.sdo[0x6381][1].raw == pytest.approx(0, abs=100)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("index", "sub", "data"), [(0x1017, 0, b"\x64\x00"), (0x1016, 1, b"\x64\x00\x7f\x00")]
 )
@@ -245,6 +247,7 @@ class InSegments(SdoServer):
         super().send_response(bytes([7 - size << 1 | 1]) + self.left.ljust(7, b"\0"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("segmented", [False, True])
 def test_the_driver_starts_and_drives_a_stock_node(segmented, monkeypatch):
     if segmented:

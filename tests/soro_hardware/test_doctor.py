@@ -142,6 +142,7 @@ def run():
     return call
 
 
+@pytest.mark.process
 def test_doctor_on_an_emulator(run, tmp_path):
     path = platform_file(tmp_path, **PATIENT)
     with emulator(tmp_path, platform=path) as served:
@@ -158,6 +159,7 @@ def test_doctor_on_an_emulator(run, tmp_path):
         assert "start-up" not in shown.output, "looking only"
 
 
+@pytest.mark.process
 def test_doctor_with_an_offset_sensor(run, tmp_path):
     path = platform_file(tmp_path, **PATIENT)
     fault = "{fault: sensor_offset, chamber: link0/chamber1, offset_pa: 8000.0}"
@@ -179,6 +181,7 @@ def test_doctor_without_an_adapter(run, tmp_path):
     assert len(str(bad.exception).splitlines()) == 1
 
 
+@pytest.mark.process
 def test_two_programs_on_one_adapter(tmp_path):
     """The second one is refused; it would take the adapter off the bus."""
     from hardware_bench import driver

@@ -50,6 +50,7 @@ def test_alicats_tell_firmware_and_source():
     assert "settings" in second.do
 
 
+@pytest.mark.slow
 def test_a_line_with_other_devices_or_none_says_what_to_check():
     platform = itv(1, line=QUICK)
     with served(alicat(1)) as (_, address):
@@ -61,6 +62,7 @@ def test_a_line_with_other_devices_or_none_says_what_to_check():
     assert look(platform, "/dev/null")["port"].level == "fail"
 
 
+@pytest.mark.process
 def test_a_board_tells_who_it_is():
     platform = board_platform()
     with served(platform) as (_, address):
@@ -73,6 +75,7 @@ def test_a_board_tells_who_it_is():
         assert (wide["board"].level, "number of ports" in wide["board"].found) == ("fail", True)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("options", "found", "do"),
     [
@@ -92,6 +95,7 @@ def test_a_board_that_turns_this_host_away_says_what_to_do(options, found, do):
     assert do in finding.do
 
 
+@pytest.mark.process
 def test_a_board_is_not_the_published_server():
     with served(veab_platform()) as (_, address):
         finding = look(board_platform(), address)["board"]
@@ -99,6 +103,7 @@ def test_a_board_is_not_the_published_server():
     assert "soro board" in finding.do
 
 
+@pytest.mark.process
 def test_the_published_server_is_not_touched_by_looking():
     platform = veab_platform()
     with served(platform) as (devices, address):

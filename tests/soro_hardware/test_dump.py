@@ -159,6 +159,7 @@ def call(described, *options, **given):
     return done
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("before", "status", "level"), [("", 0, "ok"), ("fault: dump_valve_stuck", 1, "fail")]
 )
@@ -182,6 +183,7 @@ def test_doctor_asks_before_any_pressure(device):
     assert "holds" not in done.stderr
 
 
+@pytest.mark.process
 def test_doctor_refuses_a_chamber_that_is_none(device):
     with pytest.raises(ConfigError) as caught:
         call(device[0], "--device", device[1], "--dump", "--chamber", "link9/chamber0")

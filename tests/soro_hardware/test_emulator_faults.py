@@ -29,6 +29,7 @@ def exchange_for(regulator, seconds):
         regulator.exchange(TARGET, time.monotonic_ns())
 
 
+@pytest.mark.process
 def test_by_option_at_its_time_of_the_devices(tmp_path):
     path = platform_file(tmp_path)
     with (
@@ -62,6 +63,7 @@ def test_a_wrong_option_is_one_line(fault, says, capfd):
     assert len(error.splitlines()) == 1
 
 
+@pytest.mark.process
 def test_a_wrong_option_ends_the_process(tmp_path, capfd):
     with emulator(tmp_path, "--lockstep", "--fault", "fault: stuck_open") as served:
         assert served.ready == ""
@@ -69,6 +71,7 @@ def test_a_wrong_option_ends_the_process(tmp_path, capfd):
     assert len(capfd.readouterr().err.splitlines()) == 1
 
 
+@pytest.mark.process
 def test_over_the_control_socket(tmp_path):
     path = platform_file(tmp_path)
     with (
@@ -96,6 +99,7 @@ def test_over_the_control_socket(tmp_path):
         ControlClient(tmp_path / "faults")
 
 
+@pytest.mark.process
 def test_an_adapter_that_is_pulled_out_and_put_back(tmp_path):
     path = platform_file(tmp_path, canopen={"heartbeat_consumer_s": 1.0, "rpdo_deadline_s": 0.5})
     given = platform(canopen={"heartbeat_consumer_s": 1.0, "rpdo_deadline_s": 0.5})

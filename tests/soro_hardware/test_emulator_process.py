@@ -45,6 +45,7 @@ def run_lockstep(regulator, link, cycles, first=0):
     return rows
 
 
+@pytest.mark.process
 def test_lockstep_over_a_pseudo_terminal_is_bit_identical(tmp_path):
     def run(number, seed):
         folder = tmp_path / str(number)
@@ -67,6 +68,7 @@ def test_lockstep_over_a_pseudo_terminal_is_bit_identical(tmp_path):
     assert run(3, 8)[0] != run(4, 7)[0]
 
 
+@pytest.mark.process
 def test_lockstep_agrees_with_the_emulation_in_this_process(tmp_path):
     """The pseudo-terminal adds nothing and takes nothing away."""
     bench = Bench(platform(), seed=4)
@@ -85,6 +87,7 @@ def test_lockstep_agrees_with_the_emulation_in_this_process(tmp_path):
 PATIENT = {"heartbeat_consumer_s": 1.0, "rpdo_deadline_s": 0.5, "stale_cycles": 100}
 
 
+@pytest.mark.process
 def test_real_time(tmp_path):
     with (
         emulator(tmp_path) as served,
@@ -102,6 +105,7 @@ def test_real_time(tmp_path):
         assert regulator.statistics.frames_lost == 0
 
 
+@pytest.mark.process
 def test_valves_vent_when_the_driver_is_killed(tmp_path):
     """SIGKILL: no message is sent any more. The devices notice; a new driver takes them over."""
     path = platform_file(tmp_path, canopen={"heartbeat_consumer_s": 0.2, "rpdo_deadline_s": 0.2})
@@ -120,6 +124,7 @@ def test_valves_vent_when_the_driver_is_killed(tmp_path):
             assert all(result.faults == () for result in cycles_in_real_time(regulator, 0.2, TARGET))
 
 
+@pytest.mark.process
 def test_driver_raises_at_once_when_the_emulator_is_killed_and_recovers(tmp_path):
     path = platform_file(tmp_path)
     regulator = open_regulator(platform(), str(tmp_path / "adapter"), lockstep=True)
@@ -138,6 +143,7 @@ def test_driver_raises_at_once_when_the_emulator_is_killed_and_recovers(tmp_path
         regulator.close()
 
 
+@pytest.mark.process
 def test_a_host_that_never_reads_does_not_hold_the_devices_up(tmp_path):
     with emulator(tmp_path) as served:
         host = os.open(served.device, os.O_RDWR | os.O_NOCTTY)
@@ -150,6 +156,7 @@ def test_a_host_that_never_reads_does_not_hold_the_devices_up(tmp_path):
         os.close(host)
 
 
+@pytest.mark.process
 def test_ready_line_links_and_clean_end(tmp_path):
     with emulator(tmp_path, "--lockstep") as served:
         path = served.ready.removeprefix("ready: ")
@@ -159,6 +166,7 @@ def test_ready_line_links_and_clean_end(tmp_path):
     assert not list(tmp_path.iterdir()), "links and sockets are taken away"
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("mode", [[], ["--lockstep"]])
 def test_ends_on_a_signal(tmp_path, number, mode):
@@ -167,6 +175,7 @@ def test_ends_on_a_signal(tmp_path, number, mode):
         assert served.wait() == 0
 
 
+@pytest.mark.process
 def test_old_link_is_replaced_but_no_file(tmp_path):
     (tmp_path / "adapter").symlink_to("/dev/pts/none")
     with emulator(tmp_path, "--lockstep") as served:
@@ -179,6 +188,7 @@ def test_old_link_is_replaced_but_no_file(tmp_path):
     assert (tmp_path / "other" / "adapter").read_text() == "mine"
 
 
+@pytest.mark.process
 def test_starts_without_numba_or_ros(tmp_path):
     """The emulator and the driver must start quickly."""
     code = (
@@ -192,6 +202,7 @@ def test_starts_without_numba_or_ros(tmp_path):
     assert done.stdout.splitlines()[-1] == "", done.stdout
 
 
+@pytest.mark.process
 def test_module_reports_bad_input_in_one_line(tmp_path):
     done = subprocess.run(
         [sys.executable, "-m", "soro_hardware.emulation", "nowhere"], capture_output=True, text=True
@@ -249,6 +260,7 @@ def test_links_are_made_in_a_folder_of_this_user_alone(tmp_path, kind):
             Emulator(devices, device_link=link)
 
 
+@pytest.mark.process
 def test_sockets_are_for_this_user_alone(tmp_path):
     loaded = load_platform("emulated_canopen")
     devices = emulate(loaded, True, 0)

@@ -32,6 +32,7 @@ def cells():
             yield pytest.param(FOUR, row, id=f"4-{row.fault}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("family", "row"), list(cells()))
 def test_cell(family, row):
     assert run(family, row).problems == ()
@@ -51,6 +52,7 @@ def test_cell_on_the_flow_into_a_twin(family, row):
     assert run(family, row, air=behind_a_twin).problems == ()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("family", ["itv_rs232", "alicat", "veab_tcp", "soro_board", "vtem_modbus"])
 def test_over_a_real_line(family):
     """Pulled out and put back: the ports of the operating system go and come with it."""
@@ -129,10 +131,12 @@ def test_a_trip_of_the_arm_beside_is_seen():
     beside.rig.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", FAMILIES)
 def test_minutes_without_a_fault(family):
     assert healthy(family, 20.0).endswith("no trip.")
 
 
+@pytest.mark.slow
 def test_minutes_without_a_fault_on_a_flow():
     assert healthy("canopen_408", 20.0, behind_a_twin).endswith("no trip.")

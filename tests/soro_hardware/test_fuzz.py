@@ -15,6 +15,7 @@ TARGETS = [
 ]
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(("family", "name"), TARGETS)
 def test_nothing_breaks_and_each_bad_one_is_counted(family, name):
     found = fuzz(family, name, 20_000)

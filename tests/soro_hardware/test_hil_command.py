@@ -38,6 +38,7 @@ def pressurise(folder, described, address, *more):
     return call(folder, "first-pressure", described, "--device", address, *options, *more)
 
 
+@pytest.mark.process
 def test_first_pressure_ends_in_a_report(device, tmp_path):
     described, address, control = device
     status, output, report = pressurise(tmp_path / "healthy", described, address)
@@ -56,6 +57,7 @@ def test_first_pressure_ends_in_a_report(device, tmp_path):
     assert "does not rise" in (tmp_path / "closed").glob("*/report.md").__next__().read_text()
 
 
+@pytest.mark.slow
 def test_latency_ends_in_a_report(device, tmp_path):
     described, address, _ = device
     options = ("--repeat", "4", "--hold-s", "0.3", "--yes")

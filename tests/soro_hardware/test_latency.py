@@ -31,6 +31,7 @@ def on_can():
     return runs, evaluate(CONFIG, NAMES, 200.0, runs)
 
 
+@pytest.mark.slow
 def test_dead_time_and_lag_are_those_of_the_emulated_valves(on_can, figure):
     _, found = on_can
     for chamber in found.chambers:

@@ -36,6 +36,7 @@ def fresh(transport, fault, cycles=200, pause_s=0.0):
         return rows, regulator.statistics.frames_lost
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("transport", ADAPTERS, ids=["slcan", "socketcand"])
 def test_what_is_lost_is_not_waited_for_and_the_same_every_time(transport):
     rows, lost = fresh(transport, "{fault: drop, p: 0.05}")
@@ -43,6 +44,7 @@ def test_what_is_lost_is_not_waited_for_and_the_same_every_time(transport):
     assert fresh(transport, "{fault: drop, p: 0.05}", pause_s=0.05) == (rows, lost)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("transport", ADAPTERS, ids=["slcan", "socketcand"])
 def test_a_silent_node_holds_nothing_up(transport):
     rows, lost = fresh(transport, "{fault: mute, chamber: link0/chamber1}", cycles=20)

@@ -22,6 +22,8 @@ from soro_hardware import open_regulator
 from tests.patience import LIMIT_S
 from tests.refused import fails
 
+pytestmark = pytest.mark.process
+
 OUTPUTS, INPUTS, SLOTS = 40003, 45395, 8
 RUN_BOTH, RUNS, END, RESTS = 3 << 6 | 3, 2 << 6 | 3, 61, 1 << 6 | 61
 TARGET = np.array([20e3, 40e3, 60e3])

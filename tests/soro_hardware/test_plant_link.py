@@ -80,6 +80,7 @@ def publish(server, time_ns, pressures, action=None):
     )
 
 
+@pytest.mark.process
 def test_frames_come_in_order(server, client):
     for n in range(3):
         publish(server, n * 1000, [1.0, 2.0, n])
@@ -89,6 +90,7 @@ def test_frames_come_in_order(server, client):
         np.testing.assert_array_equal(frame.pressures, [1.0, 2.0, n])
 
 
+@pytest.mark.process
 def test_bytes_on_the_socket(server):
     raw = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     raw.connect(str(server.path))
@@ -103,6 +105,7 @@ def test_bytes_on_the_socket(server):
     raw.close()
 
 
+@pytest.mark.process
 def test_latest(server, client):
     assert client.latest() is None
     for n in range(10):
@@ -113,11 +116,13 @@ def test_latest(server, client):
     assert client.receive(1.0).time_ns == 99
 
 
+@pytest.mark.process
 def test_silence_is_an_error(client):
     with fails(HardwareError, "0.01 s", code="silent"):
         client.receive(0.01)
 
 
+@pytest.mark.process
 def test_server_that_goes(server, client):
     publish(server, 0, np.zeros(2))
     server.close()
@@ -126,6 +131,7 @@ def test_server_that_goes(server, client):
         client.receive(1.0)
 
 
+@pytest.mark.process
 def test_client_that_goes(server, client):
     client.close()
     for n in range(3):
@@ -133,6 +139,7 @@ def test_client_that_goes(server, client):
     assert server.connections == 0
 
 
+@pytest.mark.process
 def test_slow_client_loses_whole_frames_and_holds_nobody_up(server, client):
     for n in range(20_000):
         publish(server, n, np.full(12, float(n)))
@@ -150,11 +157,13 @@ def test_slow_client_loses_whole_frames_and_holds_nobody_up(server, client):
     assert len(sequences) > 100
 
 
+@pytest.mark.process
 def test_no_server(tmp_path):
     with fails(HardwareError, device=str(tmp_path / "nothing"), code="open"):
         PlantLinkClient(tmp_path / "nothing")
 
 
+@pytest.mark.process
 def test_socket_left_by_a_killed_server_is_replaced(tmp_path):
     left = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     left.bind(str(tmp_path / "plant"))
@@ -163,6 +172,7 @@ def test_socket_left_by_a_killed_server_is_replaced(tmp_path):
     assert not (tmp_path / "plant").exists()
 
 
+@pytest.mark.process
 def test_file_in_the_way_is_kept(tmp_path):
     (tmp_path / "plant").write_text("mine")
     with fails(HardwareError, "in the way", device=str(tmp_path / "plant"), code="open"):
@@ -170,6 +180,7 @@ def test_file_in_the_way_is_kept(tmp_path):
     assert (tmp_path / "plant").read_text() == "mine"
 
 
+@pytest.mark.process
 def test_something_else_on_the_socket(tmp_path):
     listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     listener.bind(str(tmp_path / "plant"))
@@ -183,6 +194,7 @@ def test_something_else_on_the_socket(tmp_path):
         sock.close()
 
 
+@pytest.mark.process
 def test_a_second_server_leaves_a_living_one_alone(server, tmp_path):
     with fails(HardwareError, "another emulator", device=str(server.path), code="open"):
         Served(server.path)
@@ -192,6 +204,7 @@ def test_a_second_server_leaves_a_living_one_alone(server, tmp_path):
     client.close()
 
 
+@pytest.mark.process
 def test_one_that_ends_takes_only_its_own_file_away(server):
     server.path.unlink()
     other = Served(server.path)
@@ -209,6 +222,7 @@ def test_a_missing_folder_is_named(tmp_path):
 
 
 # A twin that moves the air ------------------------------------------------------------------------
+@pytest.mark.process
 def test_what_the_valves_do_comes_over(server, client):
     condition = ValveCondition(*np.arange(15.0).reshape(5, 3))
     action = ValveAction(((0.002, np.array([1.0, 2.0, 3.0])),), condition)
@@ -232,6 +246,7 @@ def answer(server, client, pressures):
     server.turn()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("moves_air", [True, False])
 def test_a_twin_begins_where_the_air_is(server, client, moves_air):
     for n in range(5000):  # messages that were not read are old, and the newest of it is lost
@@ -245,6 +260,7 @@ def test_a_twin_begins_where_the_air_is(server, client, moves_air):
         assert server.pressures() is None
 
 
+@pytest.mark.process
 def test_pressures_come_back_until_they_are_released(server, client):
     server.join(client)
     answer(server, client, [1.0, 2.0, 3.0])
@@ -260,6 +276,7 @@ def test_pressures_come_back_until_they_are_released(server, client):
     assert server.pressures() is None
 
 
+@pytest.mark.process
 def test_a_twin_that_dies_leaves_the_air(server, client):
     server.join(client)
     assert server.pressures() is not None
@@ -269,6 +286,7 @@ def test_a_twin_that_dies_leaves_the_air(server, client):
     assert server.pressures() is None
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("pressures", [np.ones(2), [1.0, math.nan, 1.0], [1.0, math.inf, 0.0]])
 def test_pressures_that_are_none_never_reach_the_devices(server, client, pressures):
     server.join(client)
@@ -278,6 +296,7 @@ def test_pressures_that_are_none_never_reach_the_devices(server, client, pressur
         client.receive(1.0)
 
 
+@pytest.mark.process
 def test_only_one_moves_the_air(server, client):
     second = connected(server)
     server.join(client)
@@ -292,11 +311,13 @@ def test_only_one_moves_the_air(server, client):
     second.close()
 
 
+@pytest.mark.process
 def test_an_answer_without_a_claim_is_none(server, client):
     answer(server, client, np.ones(3))
     assert server.pressures() is None
 
 
+@pytest.mark.process
 def test_nonsense_from_a_client_costs_only_its_connection(server, client):
     raw = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     raw.connect(str(server.path))
@@ -307,6 +328,7 @@ def test_nonsense_from_a_client_costs_only_its_connection(server, client):
     raw.close()
 
 
+@pytest.mark.process
 def test_in_lockstep_the_answer_to_the_last_frame_is_waited_for(in_lockstep):
     client = connected(in_lockstep)
     publish(in_lockstep, 0, np.zeros(3))  # from before it joined: no answer to this one is awaited
@@ -328,6 +350,7 @@ def test_in_lockstep_the_answer_to_the_last_frame_is_waited_for(in_lockstep):
     assert in_lockstep.pressures() is None
 
 
+@pytest.mark.process
 def test_in_lockstep_nobody_waits_for_one_that_only_listens(in_lockstep):
     client = connected(in_lockstep)
     publish(in_lockstep, 0, np.zeros(3))

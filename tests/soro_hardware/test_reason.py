@@ -22,6 +22,7 @@ NO_PORT = "Inappropriate ioctl for device; it is no serial port, so correct the 
 REFUSED = "Connection refused; start what serves it, or correct the address"
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("make", "text"),
     [
@@ -69,6 +70,7 @@ def test_a_port_that_another_program_has():
     assert str(caught.value) == f"{path}: cannot open the port (in use by another program; end that program)"
 
 
+@pytest.mark.process
 def test_a_connection_that_is_reset():
     with socket.create_server(("127.0.0.1", 0)) as listener:
         link = TcpLink("{}:{}".format(*listener.getsockname()), 1.0, time.monotonic)

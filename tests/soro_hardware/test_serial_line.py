@@ -197,6 +197,7 @@ def test_opening_is_tried_again_with_longer_and_longer_pauses(tmp_path):
 # -- lockstep --------------------------------------------------------------------------------------
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
 def test_lockstep_over_pseudo_terminals_is_that_of_this_process(tmp_path, make):
     bench = SerialBench(make(), seed=4)
@@ -255,6 +256,7 @@ def test_lockstep_needs_an_emulator_in_lockstep(terminal):
 PATIENT = {"answer_timeout_s": 0.5, "silent_after": 10, "stale_s": 5.0}
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", ["itv_serial", "alicat_serial"])
 def test_real_time(tmp_path, name):
     shipped = load_platform(name)
@@ -277,6 +279,7 @@ def test_real_time(tmp_path, name):
         assert regulator.statistics.frames_garbled == 0
 
 
+@pytest.mark.process
 def test_unplugged_and_plugged_in_again(tmp_path):
     path = platform_file(tmp_path, itv(line={"reconnect_s": 0.2, "supervisor": False}))
     platform = load_platform(path)
@@ -297,6 +300,7 @@ def test_unplugged_and_plugged_in_again(tmp_path):
         regulator.close()
 
 
+@pytest.mark.process
 def test_configure_waits_for_a_port_that_comes_back(tmp_path):
     path = platform_file(tmp_path, alicat(1, line={"reconnect_s": 20.0, "supervisor": False}))
     with contextlib.ExitStack() as stack:

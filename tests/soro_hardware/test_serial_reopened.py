@@ -58,6 +58,7 @@ def test_a_start_up_without_ports_does_not_end_the_vent(monkeypatch):
     assert np.abs(rig.demand_pa).max() <= SETTLED_PA
 
 
+@pytest.mark.process
 def test_a_port_that_is_not_there_leaves_no_pressure_behind_the_others(tmp_path):
     """At the first start-up too, with power-up set points; the missing one is named."""
     path = platform_file(

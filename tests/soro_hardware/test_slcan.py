@@ -409,6 +409,7 @@ def test_an_adapter_that_repeats_what_it_is_sent(adapter):
     played.join()
 
 
+@pytest.mark.process
 def test_valves_behind_an_adapter_with_time_stamps(tmp_path):
     """It has them on and delivers frames only when asked, as its last owner left it."""
     path = platform_file(tmp_path, emulation={"adapters": ["slcan_remembering"]})
@@ -439,6 +440,7 @@ def test_emulated_adapter_that_remembers(commands, answers, frame):
     assert bytes(server.output) == frame
 
 
+@pytest.mark.process
 def test_lockstep_needs_acknowledgements(tmp_path):
     path = platform_file(tmp_path, emulation={"adapters": ["slcan_silent"]})
     with (
@@ -449,6 +451,7 @@ def test_lockstep_needs_acknowledgements(tmp_path):
         pass
 
 
+@pytest.mark.process
 def test_valves_behind_a_silent_adapter(tmp_path):
     """Start-up, cycles and shutdown, and what the doctor says of it."""
     path = platform_file(tmp_path, emulation={"adapters": ["slcan_silent"]})

@@ -74,6 +74,7 @@ def test_socketcand_lines():
         assert decoder.garbled == before + 1, bad
 
 
+@pytest.mark.process
 def test_driver_over_socketcand_is_the_driver_over_slcan(tmp_path):
     bench = Bench(platform(), seed=4)
     bench.driver.configure()
@@ -90,6 +91,7 @@ def test_driver_over_socketcand_is_the_driver_over_slcan(tmp_path):
             assert regulator.statistics.frames_garbled == 0
 
 
+@pytest.mark.process
 def test_several_adapters_on_one_bus(tmp_path):
     """A second adapter hears what the first one's host and the devices say; the driver takes either."""
     path = platform_file(tmp_path, emulation={"adapters": ["slcan", "socketcand"]})
@@ -106,6 +108,7 @@ def test_several_adapters_on_one_bus(tmp_path):
         listener.shutdown()
 
 
+@pytest.mark.process
 def test_the_doctor_says_what_each_adapter_lets_its_host_see(tmp_path):
     path = platform_file(tmp_path, emulation={"adapters": ["slcan", "socketcand"]})
     with emulator(tmp_path, platform=path) as served:
@@ -122,6 +125,7 @@ def test_the_doctor_says_what_each_adapter_lets_its_host_see(tmp_path):
     assert "SYNC of node 1" not in slcan
 
 
+@pytest.mark.process
 def test_socketcand_server_that_goes_is_noticed_in_the_next_cycle(tmp_path):
     path = platform_file(tmp_path, **SOCKETCAND)
     regulator = open_regulator(platform(**SOCKETCAND), None, lockstep=True)
@@ -165,6 +169,7 @@ class Impostor:
         self._server.close()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("answers", "code", "names"),
     [
@@ -180,6 +185,7 @@ def test_what_is_no_socketcand_server(answers, code, names):
     impostor.close()
 
 
+@pytest.mark.process
 def test_remote_frames_are_not_for_socketcand(tmp_path):
     with emulator(tmp_path, platform=platform_file(tmp_path, **SOCKETCAND)) as served:
         bus = open_bus(transport("socketcand"), served.ready.removeprefix("ready: "))
@@ -214,6 +220,7 @@ def connected():
     server.close()
 
 
+@pytest.mark.process
 def test_a_server_that_says_nothing_is_given_up():
     with socket.create_server(("127.0.0.1", 0)) as mute:
         address = f"127.0.0.1:{mute.getsockname()[1]}"
@@ -221,6 +228,7 @@ def test_a_server_that_says_nothing_is_given_up():
             open_bus(transport("socketcand", open_timeout_s=SHORT_S), address)
 
 
+@pytest.mark.process
 def test_a_server_that_hangs_up_between_two_cycles_is_gone_and_not_silent(connected):
     link, server = connected
     server.close()
@@ -228,6 +236,7 @@ def test_a_server_that_hangs_up_between_two_cycles_is_gone_and_not_silent(connec
         link.receive(LIMIT_S)
 
 
+@pytest.mark.process
 def test_a_bad_frame_neither_hides_the_others_nor_repeats_them(connected):
     """A frame that is read twice is an old pressure that looks new."""
     link, server = connected
@@ -240,6 +249,7 @@ def test_a_bad_frame_neither_hides_the_others_nor_repeats_them(connected):
     assert link.counts["garbled"] == 1
 
 
+@pytest.mark.process
 def test_a_server_that_takes_no_more_bytes_does_not_block_the_loop(connected):
     link, _ = connected
     frames = [Frame(0x201, bytes(8))] * 1000

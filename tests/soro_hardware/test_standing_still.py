@@ -20,6 +20,8 @@ from soro_hardware.serial_line.line.setpoint import SlewedSetpoint
 from soro_hardware.supervisor import SILENCE_S
 from soro_hardware.supervisor_client import Supervisor, VentPlan
 
+pytestmark = pytest.mark.process
+
 # A call that waits takes as long as its timeout, which was 30 s; one that does not may lose the processor.
 AT_ONCE_S = 0.15
 STEP = {"send": "SET 0\r\n", "line": "0+"}

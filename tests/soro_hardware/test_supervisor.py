@@ -47,6 +47,7 @@ def is_running(pid):
     return True
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
 def test_valves_vent_when_the_driver_hangs_and_it_knows_when_it_comes_back(tmp_path, make):
     """Stopped, in a call that does not return, or in a program that has forgotten to go on."""
@@ -74,6 +75,7 @@ def test_valves_vent_when_the_driver_hangs_and_it_knows_when_it_comes_back(tmp_p
         link.close()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
 def test_valves_vent_when_the_driver_is_killed(tmp_path, make):
     path = platform_file(tmp_path, make())
@@ -98,6 +100,7 @@ def test_valves_vent_when_the_driver_is_killed(tmp_path, make):
         regulator.close()
 
 
+@pytest.mark.process
 def test_orderly_end_leaves_nothing_to_do(tmp_path):
     with emulator(tmp_path, platform=platform_file(tmp_path, itv())) as served:
         regulator = open_regulator(itv(), str(served.device))
@@ -110,6 +113,7 @@ def test_orderly_end_leaves_nothing_to_do(tmp_path):
 NOT_EMPTY = "the driver ended and has not seen the arm empty; NOT ALL VENTED: open the dump valve"
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("pressure_pa", [0.0, 30e3], ids=["empty", "with pressure"])
 @pytest.mark.parametrize(
     "make",
@@ -131,6 +135,7 @@ def test_an_orderly_end_after_the_devices_have_gone_tells_what_is_known(make, pr
     assert ("NOT ALL VENTED: open the dump valve" in said) == bool(said) == (pressure_pa > 0.0)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
 def test_a_valve_that_takes_zero_and_keeps_its_pressure_is_not_called_vented(make, capfd):
     """The echo of a set point shows no empty chamber; what is read back does."""
@@ -149,6 +154,7 @@ def test_a_valve_that_takes_zero_and_keeps_its_pressure_is_not_called_vented(mak
     assert "MON" in said or "B" in said, "what was not confirmed is named"
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
 def test_a_set_point_that_comes_at_rest_is_gone_before_the_end(make, capfd):
     """In real time, by its front panel or its power-up set point: sent zero again, latched, seen empty."""
@@ -169,6 +175,7 @@ def test_a_set_point_that_comes_at_rest_is_gone_before_the_end(make, capfd):
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.process
 def test_its_death_is_a_fault(tmp_path):
     with emulator(tmp_path, platform=platform_file(tmp_path, itv())) as served:
         regulator = open_regulator(itv(), str(served.device))
@@ -230,6 +237,7 @@ def plan_of(timeout_s=0.02, **step):
     return VentPlan("/dev/test", ({"line": "0+", **step},), timeout_s, 20 * timeout_s, begin="\r\n")
 
 
+@pytest.mark.process
 def test_repeats_until_it_is_confirmed(line, monkeypatch):
     process = held(plan_of(send="SET 0\r\n", timeout_s=0.5), line.slave, monkeypatch)
     process.control.close()
@@ -243,6 +251,7 @@ def test_repeats_until_it_is_confirmed(line, monkeypatch):
     assert "the driver died; vented" in text
 
 
+@pytest.mark.process
 def test_says_what_it_could_not_vent(line, monkeypatch):
     process = held(plan_of(send="AS0\r", timeout_s=0.001), line.slave, monkeypatch)
     process.control.close()
@@ -252,6 +261,7 @@ def test_says_what_it_could_not_vent(line, monkeypatch):
     assert "NOT ALL VENTED: open the dump valve" in text
 
 
+@pytest.mark.process
 def test_tells_a_driver_that_has_ended_in_order_from_one_that_died(line, monkeypatch):
     process = held(plan_of(send="AS0\r", timeout_s=0.001), line.slave, monkeypatch)
     process.dismiss(vented=False)
@@ -261,6 +271,7 @@ def test_tells_a_driver_that_has_ended_in_order_from_one_that_died(line, monkeyp
     assert "died" not in text
 
 
+@pytest.mark.process
 def test_tells_silence_from_death(line, monkeypatch):
     """The driver may be alive and have lost its connection: then it sends nothing."""
     process = held(plan_of(send="AS0\r", timeout_s=0.001), line.slave, monkeypatch)
@@ -272,6 +283,7 @@ def test_tells_silence_from_death(line, monkeypatch):
     assert "died" not in text
 
 
+@pytest.mark.process
 def test_one_that_vents_is_not_taken_again(line, monkeypatch):
     """It shares the connection with the driver that comes back, and would end with it."""
     first = held(plan_of(send="SET 0\r\n", timeout_s=5.0), line.slave, monkeypatch)
@@ -288,6 +300,7 @@ def test_one_that_vents_is_not_taken_again(line, monkeypatch):
     first.process.stderr.close()
 
 
+@pytest.mark.process
 def test_a_port_that_has_gone_is_named(line, monkeypatch):
     process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
     os.close(line.master)
@@ -298,6 +311,7 @@ def test_a_port_that_has_gone_is_named(line, monkeypatch):
     assert "/dev/test: " in text
 
 
+@pytest.mark.process
 def test_keeps_the_drivers_lock_until_it_has_vented(line, monkeypatch):
     """Nobody else speaks to the valves in between; the driver itself may close and open its ports again."""
     port = SerialPort(line.path, 9600)
@@ -317,6 +331,7 @@ def test_keeps_the_drivers_lock_until_it_has_vented(line, monkeypatch):
     SerialPort(line.path, 9600).close()
 
 
+@pytest.mark.process
 def test_a_plan_that_cannot_be_handed_over_is_an_error_not_a_hope(line, monkeypatch):
     """Without it the process waits with nothing in its hands, and is alive all the same."""
     process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
@@ -326,6 +341,7 @@ def test_a_plan_that_cannot_be_handed_over_is_an_error_not_a_hope(line, monkeypa
     process.process.stderr.close()
 
 
+@pytest.mark.process
 def test_lets_go_and_has_nothing_to_do(line, monkeypatch):
     process = held(plan_of(send="SET 0\r\n"), line.slave, monkeypatch)
     process.release()
@@ -333,6 +349,7 @@ def test_lets_go_and_has_nothing_to_do(line, monkeypatch):
     assert end_of(process) == (0, "")
 
 
+@pytest.mark.process
 @pytest.mark.timeout(120)
 def test_an_arm_that_was_not_seen_empty_and_that_no_line_reaches_is_named(line, monkeypatch):
     """The lines have gone before the driver's end, or a start-up has failed."""
@@ -417,6 +434,7 @@ def test_an_answer_of_bytes_counts_whole_and_between_others():
     assert not supervisor.confirms(step, b"\xff\xff\x00")
 
 
+@pytest.mark.process
 def test_numbers_are_sent_until_they_have_been_read_late_enough(monkeypatch):
     """Readings on their way may be older than the set points."""
     ours, theirs = socket.socketpair()
@@ -435,6 +453,7 @@ def test_numbers_are_sent_until_they_have_been_read_late_enough(monkeypatch):
     assert set(sent) == {b"\x00\xe0\x3f"}
 
 
+@pytest.mark.process
 def test_client_survives_a_dead_process():
     process = Supervisor()
     process.wait_until_ready()
@@ -447,6 +466,7 @@ def test_client_survives_a_dead_process():
     process.dismiss()
 
 
+@pytest.mark.process
 def test_client_names_a_process_that_never_was_ready():
     process = Supervisor()
     process.process.kill()
@@ -458,6 +478,7 @@ def test_client_names_a_process_that_never_was_ready():
     process.dismiss()
 
 
+@pytest.mark.process
 def test_client_names_a_process_that_is_not_ready_in_time(monkeypatch):
     process = Supervisor()
     assert select.select([process.control], [], [], LIMIT_S)[0]

@@ -27,6 +27,8 @@ from soro_hardware.veab.driver import VeabRegulator
 from tests.patience import LIMIT_S
 from tests.refused import fails
 
+pytestmark = pytest.mark.process
+
 TARGET = np.array([20e3, 40e3, 60e3])
 FAMILIES = {"soro_board": (BOARD, board_platform, BoardBench), "veab_tcp": (VEAB, veab_platform, VeabBench)}
 # On a busy machine a process may be off its core for longer than the shipped times allow.

@@ -77,6 +77,7 @@ def _line(entry: str) -> bytes:
     return encode(Frame(int(identifier, 16), bytes.fromhex("".join(data))))
 
 
+@pytest.mark.process
 def test_bytes_over_a_pseudo_terminal(tmp_path):
     """The same transcripts as bytes, between this process and the emulator's."""
     path = platform_file(tmp_path, valves=ONE_VALVE, **QUIET)

@@ -201,6 +201,7 @@ def test_a_server_started_again_with_another_number_is_not_taken_for_the_one_bef
         bench.driver.configure()
 
 
+@pytest.mark.process
 def test_over_tcp(tmp_path):
     """The mistake as it is made: the shipped file's 12 ports, and a server with two boards."""
     path = file_of(tmp_path, VEAB, ports=12, emulation={"ports": 4})

@@ -50,6 +50,7 @@ def peer(text):
         thread.join()
 
 
+@pytest.mark.process
 @pytest.mark.timeout(120)
 @pytest.mark.parametrize(
     "text", [b"", bytes.fromhex("0001 0000 0005 FF 03 02 0000") * 5000], ids=["silent", "endless"]
@@ -98,6 +99,7 @@ def test_a_transaction_ends_at_its_deadline(text):
     assert 0.004 <= link.now_s < 0.006
 
 
+@pytest.mark.process
 def test_another_maker_of_modbus_is_understood_and_understands():
     """pymodbus' own client against the emulated node; the frames are its, not ours."""
     with served(vtem_platform()) as (devices, address):
@@ -121,6 +123,7 @@ def test_another_maker_of_modbus_is_understood_and_understands():
     assert len(found.registers) == 3
 
 
+@pytest.mark.process
 def test_the_process_beside_it_vents_when_the_driver_is_killed(tmp_path):
     host = {"stale_cycles": 100, "stale_s": 0.5, "answer_timeout_s": 5.0}
     path = file_of(tmp_path, VTEM, host=host, cycle_budget_s=0.1)
@@ -144,6 +147,7 @@ def test_the_process_beside_it_vents_when_the_driver_is_killed(tmp_path):
         regulator.close()
 
 
+@pytest.mark.process
 def test_doctor_reads_slots_and_speed_and_commands_nothing():
     platform = vtem_platform(cycle_budget_s=0.05, cycle_hz=20.0)
     with served(platform) as (devices, address):

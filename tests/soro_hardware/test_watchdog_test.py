@@ -54,6 +54,7 @@ def opened(described):
             regulator.close()
 
 
+@pytest.mark.process
 @supervised
 def test_the_supervisor_vents_once_and_another_one_waits(make, monkeypatch, capfd):
     began = []
@@ -77,6 +78,7 @@ def test_the_supervisor_vents_once_and_another_one_waits(make, monkeypatch, capf
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.process
 @supervised
 def test_a_supervisor_that_does_not_vent_ends_the_start(make, monkeypatch, tmp_path):
     monkeypatch.setattr("soro_hardware.driver._TEST_S", 0.1)
@@ -90,6 +92,7 @@ def test_a_supervisor_that_does_not_vent_ends_the_start(make, monkeypatch, tmp_p
         regulator.configure()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("make", WATCHED.values(), ids=WATCHED)
 def test_devices_fall_back_once_and_start_again(make):
     with opened(make()) as (regulator, _):
@@ -114,6 +117,7 @@ def test_a_node_that_does_not_watch_its_host_ends_the_start(monkeypatch):
         regulator.configure()
 
 
+@pytest.mark.process
 def test_a_board_without_a_watchdog_ends_the_start(monkeypatch):
     monkeypatch.setattr(core, "Rules", functools.partial(changed_rules, core.Rules))
     described = board_platform(host={"start_timeout_s": 0.3})
@@ -124,6 +128,7 @@ def test_a_board_without_a_watchdog_ends_the_start(monkeypatch):
         regulator.configure()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("family", ["itv", "alicat", "vtem"])
 def test_it_is_left_out_with_a_word_where_a_chamber_is_not_empty(family, caplog):
     """The supervisor could not confirm a vent; a sensor that is off at rest is for the limiter to judge."""

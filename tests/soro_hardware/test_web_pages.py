@@ -21,6 +21,8 @@ from soro_hardware.transport.socketcand_codec import encode_send
 from soro_hardware.veab.protocol import SAFE
 from soro_hardware.vtem.modbus import write_request
 
+pytestmark = pytest.mark.process
+
 # What Chromium sends for `fetch(address, {method: "POST", mode: "no-cors", body: new Uint8Array(...)})`.
 HEAD = (
     "POST {path} HTTP/1.1\r\nHost: {address}\r\nConnection: keep-alive\r\nContent-Length: {size}\r\n"

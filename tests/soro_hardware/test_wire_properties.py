@@ -185,6 +185,7 @@ def judge(family, loop, seen):
         assert before_pa - pressure_pa <= fall * dt + count
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("family", [family for family in MATRIX if family in COUNT_PA and "," not in family])
 @settings(max_examples=25, deadline=None, derandomize=True)
 @given(events=st.lists(event, min_size=1, max_size=14))

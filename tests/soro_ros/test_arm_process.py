@@ -63,6 +63,7 @@ def test_a_parameter_for_one_node_counts_in_every_namespace(domain, namespace):
     assert values == [5e4, 0.02, 200.0]
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("arguments", "key"),
     [(("nothing",), "arm"), (("twin", "--ros-args", "-p", "twin:refine:=0"), "refine")],
@@ -74,6 +75,7 @@ def test_what_one_node_refuses_ends_the_process_in_one_line(node_main, arguments
     assert "Traceback" not in ended.out + ended.err
 
 
+@pytest.mark.process
 def test_a_node_whose_start_fails_stays_and_the_others_say_so(domain):
     command = [sys.executable, "-m", "soro_ros.nodes.arm", "estimator", "twin", "--ros-args"]
     command += ["-r", "__ns:=/one", "-p", "twin:robot:=nobody"]
@@ -104,6 +106,7 @@ def test_help_names_the_nodes(node_main):
     assert "soro_arm [estimator|controller|twin|regulator]..." in ended.out
 
 
+@pytest.mark.process
 def test_the_loop_runs_in_one_process_and_ends_by_ctrl_c(domain):
     """In lockstep: the twin goes on only while the others answer."""
     settings = (

@@ -13,6 +13,8 @@ from soro_ros.host.claims import Claims, require_free
 from tests.patience import LIMIT_S
 from tests.refused import refused
 
+pytestmark = pytest.mark.process
+
 
 def in_domain(number):
     """What claims ask of a node."""

@@ -150,6 +150,7 @@ def test_wrong_use_names_what_is_wrong(soro, tmp_path, arguments, key, names):
     assert all(name in line for name in names), line
 
 
+@pytest.mark.process
 def test_wrong_use_of_the_process_is_one_line_and_exit_status_2(tmp_path):
     command = [*SORO, "run", "no_such_scene", "--folder", str(tmp_path / "runs")]
     done = subprocess.run(command, capture_output=True, text=True, check=False)

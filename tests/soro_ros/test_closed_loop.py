@@ -27,6 +27,7 @@ from tests.soro_ros.running import (
 )
 
 
+@pytest.mark.process
 def test_the_controller_tracks_the_circle_on_emulated_valves(domain, tmp_path, figure):
     """The figures of the main job, with adaptation on and off in otherwise the same run."""
     results = {}
@@ -100,6 +101,7 @@ def held_up(tmp_path_factory):
     return only_run(folder)
 
 
+@pytest.mark.process
 def test_what_a_node_published_before_it_ended_is_in_the_bag(held_up):
     """A recorder that is held up hears the rest of a run, for no node ends before its readers have it all."""
     found = payloads(held_up / "bag")
@@ -109,6 +111,7 @@ def test_what_a_node_published_before_it_ended_is_in_the_bag(held_up):
     assert found["/track_circle/chambers/latch"]
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("valves", [False, True], ids=["direct", "behind valves"])
 def test_a_repeated_lockstep_run_is_the_same_to_the_bit(domain, tmp_path, request, valves):
     """Whatever the recorder did meanwhile."""
@@ -167,6 +170,7 @@ def test_the_run_is_a_recording_for_identification(held_up):
     assert found.notes == ()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("platform", ["itv_serial", "veab_tcp", "vtem_modbus"])
 def test_topics_types_and_rates_are_those_of_the_documentation(domain, tmp_path, platform):
     """On regulators that are slower than the loop, those behind TCP, and a platform of another rate."""

@@ -88,6 +88,7 @@ def test_a_run_that_meets_another_ends_before_it_takes_its_nodes_for_its_own(sta
     assert run.nodes == []
 
 
+@pytest.mark.process
 def test_the_nodes_of_a_run_end_if_their_start_fails(start, monkeypatch):
     configs = []
     monkeypatch.setattr(processes, "node_command", lambda name, config, *of: configs.append(config) or WAITS)
@@ -96,6 +97,7 @@ def test_the_nodes_of_a_run_end_if_their_start_fails(start, monkeypatch):
     assert [config.end_on_failed_start for config in configs] == [True] * 4
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("wanted", [True, False])
 def test_markers_start_with_a_run_that_wants_them(start, wanted):
     run, _ = start({"platform": "", "markers": wanted})
@@ -103,6 +105,7 @@ def test_markers_start_with_a_run_that_wants_them(start, wanted):
     assert ("markers" in run.nodes) == wanted
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(("compiled", "lines"), [(lambda: 5, 0), (iter(range(100)).__next__, 1)])
 def test_new_kernels_are_reported_once(start, monkeypatch, compiled, lines):
     run, reported = start({"platform": ""})
@@ -111,6 +114,7 @@ def test_new_kernels_are_reported_once(start, monkeypatch, compiled, lines):
     assert sum("compiling kernels" in line for line in reported) == lines
 
 
+@pytest.mark.process
 def test_without_a_pose_of_the_real_arm_control_does_not_begin(start):
     run, _ = start(REAL)
     with pytest.raises(SoroError, match="no pose of the arm on sensors/pose0"):
@@ -119,6 +123,7 @@ def test_without_a_pose_of_the_real_arm_control_does_not_begin(start):
     assert run.outcome() == "ended before control began"
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("at", ["the start", "the valves", "the nodes"])
 def test_a_signal_ends_the_start_before_the_next_process(start, monkeypatch, at):
     interrupted = [signal.SIGINT] if at == "the start" else []
@@ -157,6 +162,7 @@ def test_a_signal_ends_the_start_before_the_next_process(start, monkeypatch, at)
     assert run.outcome().startswith("ended before control began")
 
 
+@pytest.mark.process
 def test_a_scene_of_emulated_valves_starts_them_first_and_the_driver_last(start, monkeypatch):
     run, _ = start({"mode": "real_time"})
     real, started = processes.start, []
@@ -174,6 +180,7 @@ def test_a_scene_of_emulated_valves_starts_them_first_and_the_driver_last(start,
     assert set(started) <= set(compose.END_ORDER)
 
 
+@pytest.mark.process
 def test_a_twin_that_drives_the_chambers_ends_first(start, monkeypatch):
     """Its commands end on purpose then, and are not lost."""
     run, _ = start({"platform": ""})
@@ -223,6 +230,7 @@ def begun(start):
     return run, lines
 
 
+@pytest.mark.process
 def test_the_failure_of_an_observer_is_a_warning_and_that_of_the_recorder_no_judgement(begun):
     run, lines = begun
     for _ in range(2):
@@ -234,6 +242,7 @@ def test_the_failure_of_an_observer_is_a_warning_and_that_of_the_recorder_no_jud
     assert sum("the arm goes on" in line for line in lines) == 3
 
 
+@pytest.mark.process
 def test_an_observer_that_has_ended_is_reported_once_and_ends_nothing(begun):
     run, lines = begun
     run._children["recorder"].process.kill()
@@ -246,6 +255,7 @@ def test_an_observer_that_has_ended_is_reported_once_and_ends_nothing(begun):
     assert "soro bag repair" in run.outcome() or not run.bag.exists()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", ["twin", "estimator", "controller"])
 @pytest.mark.parametrize("how", ["errors", "silent"])
 def test_the_failure_of_a_node_of_the_loop_ends_the_run(begun, name, how):
@@ -253,6 +263,7 @@ def test_the_failure_of_a_node_of_the_loop_ends_the_run(begun, name, how):
         begun[0].check_nodes(Saying(**{how: [name]}), 1.0)
 
 
+@pytest.mark.process
 def test_an_excitation_ends_with_its_recording(start):
     run, _ = start({"platform": "", "mode": "lockstep"})
     run._loop = compose.excitation_loop(run.scene)
@@ -269,6 +280,7 @@ def test_the_observers_of_a_run_are_those_of_the_nodes():
         assert found == (name in compose.OBSERVERS)
 
 
+@pytest.mark.process
 def test_a_run_in_real_time_that_stood_still_ends(start):
     run, _ = start({"platform": "", "mode": "real_time"})
     run.start(Ready())

@@ -34,6 +34,7 @@ def contents(bag: Path, topics: list[str] | None = None) -> dict[str, list[objec
     return found
 
 
+@pytest.mark.slow
 def test_a_bag_comes_back_from_csv_as_it_was(soro, tmp_path):
     """Readings and poses, nested diagnostics, messages without values: what the estimator takes, and more."""
     bag = BAGS / "track_circle_lockstep_2s"

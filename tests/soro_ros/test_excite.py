@@ -62,6 +62,7 @@ class Bag:
         self.pose = np.array([(t, *messages.pose_arrays(m.pose)[0]) for t, m in rows["sensors/pose0"]])
 
 
+@pytest.mark.process
 def test_an_excitation_on_emulated_valves_is_done_and_recorded(domain, tmp_path, figure):
     status, output, folder = excited(tmp_path, *SHORT)
     assert status == 0, output
@@ -97,6 +98,7 @@ def test_an_excitation_on_emulated_valves_is_done_and_recorded(domain, tmp_path,
     assert np.ptp(bag.pose[:, 1:], axis=0).max() > 0.02
 
 
+@pytest.mark.process
 def test_a_tip_that_leaves_its_box_is_vented_and_the_bag_kept(domain, tmp_path):
     status, output, folder = excited(tmp_path, *SHORT, "--box-mm", "20")
     assert status == 1, output
@@ -119,6 +121,7 @@ def test_a_tip_that_leaves_its_box_is_vented_and_the_bag_kept(domain, tmp_path):
     assert bag.reading[-1, 1:].max() < 2e3
 
 
+@pytest.mark.process
 def test_a_trip_of_the_limiter_ends_the_excitation(domain, tmp_path):
     fault = "faults=[{fault: mute, chamber: link0/chamber2, at: 1.5}]"
     status, output, folder = excited(tmp_path, *SHORT, "--set", fault)
@@ -132,6 +135,7 @@ def test_a_trip_of_the_limiter_ends_the_excitation(domain, tmp_path):
     assert first < 1.5
 
 
+@pytest.mark.process
 def test_an_interrupt_vents_closes_the_bag_and_is_no_error(domain, tmp_path):
     clock = ClockListener()
     process = subprocess.Popen(command(tmp_path), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

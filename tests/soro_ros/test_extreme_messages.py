@@ -175,6 +175,7 @@ def test_estimator(domain):
         assert messages.to_ns(sent[0][-1].header.stamp) == last_ns, "it goes on"
 
 
+@pytest.mark.slow
 def test_controller(domain):
     with active(ControllerNode, "enabled:=true", "state_age_s:=1.0") as node:
         commands, rest = captured(node, "chambers/command"), captured(node, "arm/desired/tip")
@@ -304,6 +305,7 @@ def page():
     server.stop()
 
 
+@pytest.mark.process
 def test_viewer(page):
     raised, usual = [], drawn_messages()
     received = Received("/arm")

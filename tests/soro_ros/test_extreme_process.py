@@ -18,6 +18,8 @@ from soro_ros.host import middleware
 from tests.patience import COMPILED_S, LIMIT_S
 from tests.soro_ros.running import end, wait_until
 
+pytestmark = pytest.mark.process
+
 # What was refused, and how a line of the log says so.
 SAID = ("samples of sensors refused", "arm/covariance refused")
 

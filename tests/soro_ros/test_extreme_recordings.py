@@ -43,6 +43,7 @@ def everything():
     ]
 
 
+@pytest.mark.process
 def test_each_message_is_recorded_and_played_byte_for_byte(domain, tmp_path):
     given, folder = everything(), tmp_path / "bag"
     topics = [f"{topic} {type_of(message)}" for topic, message in RECORDED.items()]
@@ -111,6 +112,7 @@ def test_a_playback_waits_at_any_rate_and_can_be_stopped(rate):
     assert 1 not in seen
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(("at_ns", "plays"), [(0, True), (END_NS - 10**7, True), (END_NS, False)])
 def test_a_player_gives_a_clock_as_long_as_there_are_seconds_for_it(domain, tmp_path, at_ns, plays):
     with BagWriter(tmp_path / "bag") as writer:

@@ -26,6 +26,7 @@ from tests.patience import patient_platform
 from tests.soro_ros.running import run, summary, wait_until
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "air", ["air: lag", "air: states, valve: {fill_m3_s_pa: 5.0e-11}"], ids=["of the valves", "of the twin"]
 )
@@ -82,6 +83,7 @@ class Served:
         self._selector.close()
 
 
+@pytest.mark.process
 def test_topic_and_service(domain, tmp_path):
     served = Served(tmp_path / "faults")
     middleware.init()

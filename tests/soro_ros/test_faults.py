@@ -25,6 +25,8 @@ from tests.soro_ros.running import (
     wait_until,
 )
 
+pytestmark = pytest.mark.process
+
 VENTED_PA = 2e3
 
 

@@ -72,6 +72,7 @@ def test_three_bellows_lie_beside_one_another():
         assert np.hypot(*np.subtract(one.offset, other.offset)) >= one.radius + other.radius
 
 
+@pytest.mark.slow
 def test_gif_and_png(tmp_path):
     app, run = application(), ["film", str(BAG), "--start", "1", "--end", "1.4", "--width", "320"]
     for name in ("film.gif", "film.png"):

@@ -5,6 +5,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.process
+
 # A fresh process: this one has imported and compiled what others needed.
 COUNT = """
 import gc, sys

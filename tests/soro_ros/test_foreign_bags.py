@@ -223,6 +223,7 @@ def with_definition(folder: Path, name: str, text: str, change: Callable[[Any], 
     return folder
 
 
+@pytest.mark.slow
 def test_report_and_replay_read_by_the_definition_in_the_bag(tmp_path):
     """States in another order: the same run; without a field it is refused by name."""
     name = "/imu_and_outliers/chambers/state"

@@ -11,6 +11,8 @@ from soro_ros.run import processes
 from tests.patience import LIMIT_S, patient_platform
 from tests.soro_ros.running import run, summary, wait_until
 
+pytestmark = pytest.mark.process
+
 PATIENT = ("limits.command_age_s=0.5", "limits.reading_age_s=0.5", "twin.payload_kg=0.0")
 
 

@@ -39,6 +39,7 @@ MOMENTS = {
 }
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_ctrl_c_while_the_nodes_start_is_one_clean_end(domain, tmp_path, moment):
     runs = tmp_path / "runs"
@@ -68,6 +69,7 @@ def mapped(pid: int) -> str:
     return Path(f"/proc/{pid}/maps").read_text()
 
 
+@pytest.mark.process
 def test_the_handler_stands_before_anything_else_is_imported():
     """A KeyboardInterrupt in a callback of the import system is printed and forgotten; `soro run` ran on."""
     look = "import sys; sys.path.insert(0, sys.argv[1]); import soro_ros.cli; print(*sys.modules)"
@@ -182,6 +184,7 @@ except KeyboardInterrupt:
 """
 
 
+@pytest.mark.process
 def test_an_interrupt_within_executed_text_leaves_the_exit_status(tmp_path):
     """Python remembers a KeyboardInterrupt that leaves such text, and `python -m` then ends with SIGINT."""
     (tmp_path / "interrupted.py").write_text(INTERRUPTED_IN_TEXT)
@@ -199,6 +202,7 @@ def python(text: str, folder) -> processes.Child:
     return processes.start("child", [sys.executable, "-c", text], folder)
 
 
+@pytest.mark.process
 def test_a_process_is_asked_to_end_until_it_listens(tmp_path):
     # As a node does: for a second it imports and hears nothing.
     late = "import signal, sys, time; time.sleep(1); signal.signal(signal.SIGINT, lambda *_: sys.exit(0))"
@@ -208,6 +212,7 @@ def test_a_process_is_asked_to_end_until_it_listens(tmp_path):
     assert child.log.read_text() == ""
 
 
+@pytest.mark.process
 def test_a_process_that_never_listens_is_ended(tmp_path):
     child = python("import time; time.sleep(60)", tmp_path)
     time.sleep(0.2)
@@ -238,6 +243,7 @@ def test_a_file_that_cannot_be_written_is_one_line(monkeypatch, capsys, file):
     )
 
 
+@pytest.mark.process
 def test_ctrl_c_while_kernels_are_compiled_is_one_clean_end(domain, tmp_path, monkeypatch):
     cache = tmp_path / "cache"
     monkeypatch.setenv("XDG_CACHE_HOME", str(cache))
@@ -250,6 +256,7 @@ def test_ctrl_c_while_kernels_are_compiled_is_one_clean_end(domain, tmp_path, mo
     assert_clean(out + err, tmp_path / "runs")
 
 
+@pytest.mark.process
 def test_an_end_that_fails_after_ctrl_c_is_reported_and_goes_on(domain, capfd):
     """The error of a callback is an interrupt while the node starts only."""
     destroyed, stopping = [], []

@@ -59,6 +59,7 @@ def tick(node, number, q=(0.0, 0.0, 0.0)):
     receive(node, "arm/state", messages.arm_state(NAMES, np.array(q), zero, zero, stamp_ns))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
     [("robot", "six_link"), ("rate_hz", 100.0), ("control.law", "composite"), ("model.links", 2)],

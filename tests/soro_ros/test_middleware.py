@@ -8,6 +8,8 @@ from statistics import median
 
 import pytest
 
+pytestmark = pytest.mark.process
+
 _NODE = """
 from rclpy.duration import Duration
 from rclpy.node import Node

@@ -24,6 +24,7 @@ NODES_S = {"one": 6.0, "planar": 0.5, "two": 0.5}
 JUDGED_S = (1.0, 6.0)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", ARMS)
 def test_a_new_arm_runs_at_once_from_another_folder(soro, domain, tmp_path, monkeypatch, name):
     status, out, _ = soro("new", name, *ARMS[name], "--out", str(tmp_path / "made"))

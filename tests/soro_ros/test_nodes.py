@@ -60,6 +60,7 @@ def start(name: str, *settings: str) -> subprocess.Popen[str]:
     return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", ["estimator", "controller", "twin"])
 def test_a_node_without_parameters_configures_the_default_robot(domain, name):
     with Supervisor("alone") as supervisor:
@@ -71,6 +72,7 @@ def test_a_node_without_parameters_configures_the_default_robot(domain, name):
     assert status == 0, err
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("name", "arguments", "key", "names"),
     [
@@ -114,6 +116,7 @@ run_node(Refuses)
 """
 
 
+@pytest.mark.process
 def test_a_node_that_is_interrupted_after_it_has_refused_ends_with_status_2(domain):
     done = subprocess.run(
         [sys.executable, "-c", INTERRUPTED], capture_output=True, text=True, timeout=2 * LIMIT_S
@@ -217,6 +220,7 @@ def test_priorities_are_the_higher_the_nearer_to_the_valves():
         assert [node.priority for node in nodes] == [30, 20, 20, 10]
 
 
+@pytest.mark.slow
 def test_emulated_valves_ask_for_a_priority_as_the_nodes_do(soro, monkeypatch, tmp_path):
     def refuse(*_):
         raise PermissionError("not permitted")
@@ -270,6 +274,7 @@ def change(supervisor: Supervisor, name: str, transition: int) -> None:
         wait_until(changed, f"transition {transition}", COMPILED_S)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", ["estimator", "controller", "twin", "regulator", "recorder"])
 def test_a_node_lives_through_its_lifecycle_twice(domain, tmp_path, name):
     settings, valves = ["autostart:=false"], None
@@ -575,6 +580,7 @@ def person(**reference: object) -> Iterator[Person]:
     assert status == 0, err
 
 
+@pytest.mark.process
 def test_references_come_by_topic_and_wrong_ones_are_refused(domain):
     with person(start_s=0.3) as it:
         # Started alone it asks for no air until somebody says so.

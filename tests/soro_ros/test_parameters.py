@@ -61,6 +61,7 @@ def run(*arguments: str, until: str = "tick", number: int = signal.SIGINT) -> tu
     return process.returncode, "".join(seen) + out, err
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_defaults_timer_and_a_clean_end_on_a_signal(domain, number):
     status, out, err = run(number=number)
@@ -69,12 +70,14 @@ def test_defaults_timer_and_a_clean_end_on_a_signal(domain, number):
     assert out.rstrip().endswith("safe")
 
 
+@pytest.mark.process
 def test_overrides_reach_nested_models_and_integers_serve_as_floats(domain):
     status, out, err = run("-p", "rate_hz:=100", "-p", "inner.list:=[3.0]", "-p", "inner.gain:=2.5")
     assert status == 0, err
     assert "rate_hz=100.0 inner=Inner(gain=2.5, free=None, list=(3.0,))" in out
 
 
+@pytest.mark.process
 def test_an_empty_list_is_one_from_a_file_and_from_the_command_line(domain, tmp_path):
     file = tmp_path / "given.yaml"
     file.write_text("/**: {ros__parameters: {inner: {list: []}}}\n")
@@ -84,6 +87,7 @@ def test_an_empty_list_is_one_from_a_file_and_from_the_command_line(domain, tmp_
         assert "inner=Inner(gain=1.0, free=None, list=())" in out
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("setting", "key", "names"),
     [
@@ -105,6 +109,7 @@ def test_a_wrong_parameter_is_one_line_and_exit_status_2(node_main, setting, key
     assert "tick" not in ended.out
 
 
+@pytest.mark.process
 def test_a_process_with_a_wrong_parameter_ends_with_status_2(domain):
     status, out, err = run("-p", "rate:=1.0")
     assert status == 2
@@ -113,6 +118,7 @@ def test_a_process_with_a_wrong_parameter_ends_with_status_2(domain):
     assert "tick" not in out
 
 
+@pytest.mark.process
 def test_a_node_that_fails_reports_one_line(domain):
     """Its executor printed a traceback besides."""
     fails = NODE.replace('print("tick", flush=True)', "fails()").replace(

@@ -124,6 +124,7 @@ def test_services_and_parameters(domain, bag):
         rclpy.try_shutdown()
 
 
+@pytest.mark.process
 def test_keys_of_a_terminal(domain, bag):
     leader, terminal = pty.openpty()
     before = termios.tcgetattr(terminal)

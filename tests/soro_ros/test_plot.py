@@ -305,6 +305,7 @@ class Page(HTMLParser):
             self.cells[-1][-1] += data.strip()
 
 
+@pytest.mark.slow
 def test_the_page_of_a_run_stands_alone(tripped):
     verdict = {"verdict": "vented", "reason": "regulator: vented: no command"}
     (tripped / "summary.json").write_text(json.dumps(verdict))
@@ -339,6 +340,7 @@ def readings(monkeypatch):
     return found
 
 
+@pytest.mark.slow
 def test_a_page_reads_its_bag_once(tmp_path, readings):
     result = soro("report", WHOLE, "--out", tmp_path / "page.html")
     assert result.exit_code == 0, result.output

@@ -130,6 +130,7 @@ def moving(domain, tmp_path):
         end(process)
 
 
+@pytest.mark.process
 @pytest.mark.real_time
 @pytest.mark.parametrize("number", [signal.SIGSTOP, signal.SIGTSTP])
 def test_a_stopped_run_is_vented_and_says_so_when_it_goes_on(moving, number):
@@ -148,6 +149,7 @@ def test_a_stopped_run_is_vented_and_says_so_when_it_goes_on(moving, number):
     assert "Traceback" not in err
 
 
+@pytest.mark.process
 @pytest.mark.real_time
 @pytest.mark.parametrize("how", ["stopped or hangs", "has ended"])
 def test_the_nodes_of_one_process_vent_without_the_program_that_started_it(domain, tmp_path, how):

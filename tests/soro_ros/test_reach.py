@@ -81,6 +81,7 @@ exec "$PYTHON" node.py far ours > far.txt 2> far.err
 """
 
 
+@pytest.mark.process
 def test_another_host_is_reached_by_choice_only(domain, tmp_path, monkeypatch):
     """`remote` on the other host and `far` on this one have chosen to; `alone` hears `far` alone."""
     if not two_hosts.possible():
@@ -116,6 +117,7 @@ def _sockets(pid: int) -> set[str]:
     return {".".join(str(byte) for byte in reversed(bytes.fromhex(address))) for address in own}
 
 
+@pytest.mark.process
 def test_no_socket_of_a_node_is_open_to_the_network(domain):
     command = [sys.executable, "-c", _NODE, "node", "ours"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
@@ -151,6 +153,7 @@ print(*(name for name, _ in node.get_topic_names_and_types()))
 """
 
 
+@pytest.mark.process
 @pytest.mark.real_time
 def test_a_plain_program_on_this_host_finds_every_topic_and_has_data_both_ways(domain, tmp_path):
     """As `ros2`, rosbag2 and Foxglove: ROS without a setting, in a process of its own."""
@@ -176,6 +179,7 @@ def test_a_plain_program_on_this_host_finds_every_topic_and_has_data_both_ways(d
         end(node)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "command",
     [

@@ -18,6 +18,8 @@ from soro_ros.run.supervisor import Supervisor
 from tests.patience import LIMIT_S
 from tests.soro_ros.running import end
 
+pytestmark = pytest.mark.process
+
 STATE, TRUTH = "/replay/chambers/state", "/replay/truth/state"
 JOINT_STATE = "sensor_msgs/msg/JointState"
 START_NS = 1_000_000_000

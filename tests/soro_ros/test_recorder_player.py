@@ -187,6 +187,7 @@ def contents(
     }
 
 
+@pytest.mark.process
 def test_recorder_player_recorder(start, node, tmp_path):
     """The same payload bytes, order, types, hashes and quality of service on every topic, twice over."""
     messages = mixed_messages(700, seed=1)
@@ -241,6 +242,7 @@ def test_recorder_player_recorder(start, node, tmp_path):
     assert read == [list(item.effort) for topic, item in messages if topic == "/arm1/chambers/state"]
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_closes_the_bag(start, tmp_path, number):
     recorder = record(start, tmp_path / "bag")
@@ -251,6 +253,7 @@ def test_a_signal_closes_the_bag(start, tmp_path, number):
         assert reader.problems == ()
 
 
+@pytest.mark.process
 def test_deactivating_closes_the_bag(start, node, tmp_path):
     recorder = record(start, tmp_path / "bag", "notes:=['scene=circle']")
     client = node.create_client(ChangeState, "/recorder/change_state")
@@ -269,6 +272,7 @@ def test_deactivating_closes_the_bag(start, node, tmp_path):
     assert recorder.end(signal.SIGINT) == 0, recorder.output()
 
 
+@pytest.mark.process
 def test_a_killed_recorder_leaves_a_bag_to_repair(start, node, tmp_path):
     messages = [("/clock_copy", Clock()) for _ in range(50)]
     recorder = record(start, tmp_path / "bag", f"topics:={list(TYPES)}", "flush_s:=0.05")
@@ -286,6 +290,7 @@ def test_a_killed_recorder_leaves_a_bag_to_repair(start, node, tmp_path):
     assert len(payloads(tmp_path / "bag")["/clock_copy"]) == len(messages)
 
 
+@pytest.mark.process
 def test_a_topic_named_with_its_type_is_recorded_from_its_first_message(start, node, tmp_path):
     recorder = record(start, tmp_path / "bag", "topics:=['early std_msgs/msg/String']", "discovery_s:=10.0")
     publisher = node.create_publisher(String, "/early", ALL)
@@ -296,6 +301,7 @@ def test_a_topic_named_with_its_type_is_recorded_from_its_first_message(start, n
     assert contents(payloads(tmp_path / "bag"), {"/early": String}) == {"/early": [String(data="first")]}
 
 
+@pytest.mark.process
 def test_exclusion_wins_and_hidden_topics_are_recorded_by_name_only(start, node, tmp_path):
     words = "topics:=['/out std_msgs/msg/String', '/_named', '/*']"
     recorder = record(start, tmp_path / "bag", words, "exclude:=['/o*', '/*/transition_event', '/[rpd]*']")
@@ -312,6 +318,7 @@ def test_exclusion_wins_and_hidden_topics_are_recorded_by_name_only(start, node,
     assert {name: len(items) for name, items in recorded.items()} == {"/_named": 1, "/in": 1}
 
 
+@pytest.mark.process
 def test_best_effort_publishers_are_heard_even_when_they_come_late(start, node, tmp_path):
     """A reliable subscription does not match them: the recorder renews it."""
     recorder = record(start, tmp_path / "bag", "topics:=['/mixed']")
@@ -369,6 +376,7 @@ def test_a_recorder_whose_subscription_is_gone_closes_its_bag(domain, tmp_path):
     assert payloads(tmp_path / "bag") == {}
 
 
+@pytest.mark.process
 def test_simulated_time_is_the_time_of_the_bag(start, node, tmp_path):
     words = ("use_sim_time:=true", "topics:=['/tick']", "flush_s:=0.05")
     recorder = record(start, tmp_path / "bag", *words)
@@ -447,6 +455,7 @@ class Listener:
         self._executor.shutdown()
 
 
+@pytest.mark.process
 def test_player_picks_topics_and_times_and_renames(start, node, tmp_path):
     bag = clock_bag(tmp_path / "bag", seconds=1.0)
     listener = Listener(node, renamed=JointState, other=String)
@@ -468,6 +477,7 @@ def test_player_picks_topics_and_times_and_renames(start, node, tmp_path):
     ]
 
 
+@pytest.mark.process
 def test_player_keeps_the_recorded_time_and_publishes_the_clock(start, node, tmp_path):
     bag = clock_bag(tmp_path / "bag", seconds=1.0)
     listener = Listener(node, numbers=JointState, other=String, clock=Clock)
@@ -494,6 +504,7 @@ def test_player_keeps_the_recorded_time_and_publishes_the_clock(start, node, tmp
     assert 100.0 <= clocks[0] <= clocks[-1] <= 101.0
 
 
+@pytest.mark.process
 def test_player_loops_until_it_is_stopped(start, node, tmp_path):
     bag = clock_bag(tmp_path / "bag", seconds=0.1)
     listener = Listener(node, numbers=JointState)
@@ -548,6 +559,7 @@ def test_player_without_anything_to_play_fails(node_main, tmp_path, arguments, n
     assert "Traceback" not in ended.err
 
 
+@pytest.mark.process
 def test_player_leaves_out_what_means_something_else_here(start, tmp_path):
     """A number that was narrower is played as the one of today; what does not fit is named."""
     with BagWriter(tmp_path / "bag") as writer:
@@ -577,6 +589,7 @@ def test_player_leaves_out_what_means_something_else_here(start, tmp_path):
         assert name in player.output()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("arguments", "played", "left_out"),
     [
@@ -606,6 +619,7 @@ def test_help_of_the_player_names_the_commands_that_it_leaves_out(soro):
         assert "/chambers/command or /chambers/commands" in " ".join(text.split())
 
 
+@pytest.mark.process
 def test_player_fails_when_its_thread_does(domain, tmp_path):
     """A middleware that refuses a message raises RuntimeError, which is no SoroError."""
     bag = clock_bag(tmp_path / "bag", seconds=0.1)

@@ -6,6 +6,8 @@ import pytest
 from soro_ros.conversion import messages
 from tests.soro_ros.test_nodes import COORDINATES, Person, person, tip_pose, trajectory
 
+pytestmark = pytest.mark.process
+
 TICKS_HZ = 200
 
 

@@ -44,6 +44,7 @@ def real_time_bench(alone, domain, tmp_path):
     assert set(it.close()) <= {0, -9}
 
 
+@pytest.mark.process
 def test_a_command_arrives_and_silence_vents_and_reset_needs_a_zero_command(bench):
     bench.send([40e3, 20e3, 0.0], 0.8)
     assert bench.true_pressure() == pytest.approx([40e3, 20e3, 0.0], abs=1.5e3)
@@ -65,6 +66,7 @@ def test_a_command_arrives_and_silence_vents_and_reset_needs_a_zero_command(benc
     wait_until(reached, "the pressure", every_s=0.0)
 
 
+@pytest.mark.process
 def test_a_lower_limit_acts_at_once_on_the_true_pressures_and_vents_nothing(bench):
     bench.send([60e3, 60e3, 0.0], 0.8)
     assert bench.true_pressure()[0] > 55e3
@@ -82,6 +84,7 @@ def test_a_lower_limit_acts_at_once_on_the_true_pressures_and_vents_nothing(benc
     assert not bench.failed()
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("bad", "age_s", "kind"),
     [
@@ -100,6 +103,7 @@ def test_a_stream_of_bad_commands_never_reaches_a_valve_and_vents(bench, bad, ag
     bench.wait_rejected(kind, 40)
 
 
+@pytest.mark.process
 def test_refusals_are_a_warning_while_they_last(bench):
     bench.send([30e3] * 3, 0.3)
     bench.send([95e3, 0, 0], 0.02)
@@ -188,6 +192,7 @@ def test_a_command_without_a_stamp_is_as_old_as_the_last_cycle(domain):
         rclpy.shutdown()
 
 
+@pytest.mark.process
 def test_vent_service_and_a_second_source(bench):
     bench.send([30e3] * 3, 0.5)
     for _ in range(20):
@@ -200,6 +205,7 @@ def test_vent_service_and_a_second_source(bench):
     bench.wait_empty()
 
 
+@pytest.mark.process
 def test_a_second_controller_on_the_same_topic_is_refused(bench):
     bench.send([30e3] * 3, 0.5)
     for _ in range(20):
@@ -230,6 +236,7 @@ def works_again(bench) -> None:
     wait_until(reached, "the pressure", every_s=0.0)
 
 
+@pytest.mark.process
 @pytest.mark.real_time
 def test_the_latch_outlasts_the_lifecycle(real_time_bench):
     bench = real_time_bench
@@ -248,6 +255,7 @@ def test_the_latch_outlasts_the_lifecycle(real_time_bench):
     works_again(bench)
 
 
+@pytest.mark.process
 @pytest.mark.real_time
 def test_a_driver_that_was_shut_down_is_safe_and_serves_no_request(real_time_bench):
     bench = real_time_bench
@@ -263,6 +271,7 @@ def test_a_driver_that_was_shut_down_is_safe_and_serves_no_request(real_time_ben
     assert bench.supervisor.status["regulator"].message == "finalized"
 
 
+@pytest.mark.process
 @pytest.mark.real_time
 def test_a_latch_outlasts_its_process_and_a_driver_that_was_killed_leaves_one(real_time_bench):
     """Whatever starts it again, and with a source that never stops: no pressure before a reset."""
@@ -295,6 +304,7 @@ def test_a_latch_outlasts_its_process_and_a_driver_that_was_killed_leaves_one(re
     wait_until(pressed, "pressure without a reset")
 
 
+@pytest.mark.process
 @pytest.mark.real_time
 def test_dead_valves_are_a_named_fault_and_come_back_by_reset_only(real_time_bench):
     bench = real_time_bench
@@ -312,6 +322,7 @@ def test_dead_valves_are_a_named_fault_and_come_back_by_reset_only(real_time_ben
     works_again(bench)
 
 
+@pytest.mark.process
 @pytest.mark.real_time
 def test_valves_that_lost_their_host_for_a_while_come_back_by_reset(real_time_bench):
     """By CANopen's default they leave OPERATIONAL, so no reading comes before the start-up."""
@@ -324,6 +335,7 @@ def test_valves_that_lost_their_host_for_a_while_come_back_by_reset(real_time_be
     works_again(bench)
 
 
+@pytest.mark.process
 def test_without_a_device_the_node_gives_advice(node_main):
     ended = node_main("regulator")
     assert ended.status == 2

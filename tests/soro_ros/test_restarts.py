@@ -13,6 +13,8 @@ from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.soro_ros.arm_watch import ArmWatch
 from tests.soro_ros.running import SORO, wait_until
 
+pytestmark = pytest.mark.process
+
 # Of the driver, whose sentence says what the death cost; the note of a killed one names its process.
 SAYS = {
     "estimator": "command lost",

@@ -53,6 +53,7 @@ def test_every_scene_is_listed_and_tested():
     assert all(scene.description and scene.mode == "real_time" for scene in found.scenes)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", GOOD)
 def test_a_scene_follows_its_reference(name, figure):
     """The loop of its nodes in one process; `test_closed_loop.py` compares it with them to the bit."""
@@ -66,12 +67,14 @@ def test_a_scene_follows_its_reference(name, figure):
         assert errors[round(3.0 * scene.rate_hz) :].max() > DISTURBED_MM[name]
 
 
+@pytest.mark.slow
 def test_a_controller_that_does_not_learn_fails():
     seconds, most_mm = GOOD["no_devices"]
     scene = shipped("no_devices", **{"controller.adapt": False})
     assert last_second_mm(scene, errors_mm(scene, seconds)) > 4 * most_mm
 
 
+@pytest.mark.process
 def test_the_valve_that_fails_vents_the_arm(domain, tmp_path):
     """With nodes, and bytes on a pseudo-terminal."""
     platform = patient_platform(tmp_path, real_time=False)
@@ -85,6 +88,7 @@ def test_the_valve_that_fails_vents_the_arm(domain, tmp_path):
     assert figures["pressure_max_pa"] > 90e3
 
 
+@pytest.mark.process
 def test_path_and_load_reach_the_nodes(domain, tmp_path):
     """To the bit what one process computes."""
     changes = ("mode=lockstep", "platform=", "duration_s=1.2", "twin.payload_changes.at_s=[0.4, 0.8]")

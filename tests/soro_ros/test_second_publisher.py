@@ -154,6 +154,7 @@ def test_of_two_publishers_that_give_one_name_none_is_followed(joined, name, loc
     assert holder.chambers.second_publisher == "2 publishers of chambers/command: /person, /copy"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("ahead", "followed"), [(10, 1), (300, 0)])
 def test_a_copy_whose_numbers_are_ahead_is_followed_for_a_message_at_most(joined, ahead, followed):
     holder = Holder()
@@ -245,6 +246,7 @@ _SHORT_LEASE = f"""\
 """
 
 
+@pytest.mark.process
 def test_a_program_that_was_killed_is_not_a_second_one_beyond_its_lease(joined, tmp_path, monkeypatch):
     """Started again it gives the same name, and the middleware keeps what was killed for a while."""
     holder = Holder()
@@ -288,6 +290,7 @@ while rclpy.ok():
 """
 
 
+@pytest.mark.process
 @pytest.mark.real_time
 def test_a_program_that_copies_the_name_gives_the_arm_no_pressure(alone, domain, tmp_path):
     bench = Bench(tmp_path, lockstep=False)

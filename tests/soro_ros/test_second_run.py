@@ -10,6 +10,8 @@ import pytest
 from tests.patience import COMPILED_S, LIMIT_S
 from tests.soro_ros.running import SORO, ClockListener, end, only_run, start_run, summary
 
+pytestmark = pytest.mark.process
+
 BRIEF = ("mode=lockstep", "platform=", "duration_s=6")
 
 

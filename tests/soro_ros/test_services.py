@@ -145,6 +145,7 @@ def nodes(request, domain, tmp_path, monkeypatch):
         nodes.close()
 
 
+@pytest.mark.process
 def test_vent_reset_and_enable_say_what_they_do(nodes, capfd):
     def said(command, *arguments):
         command(*arguments)
@@ -168,6 +169,7 @@ def test_vent_reset_and_enable_say_what_they_do(nodes, capfd):
         reset("middle")
 
 
+@pytest.mark.process
 def test_enable_names_the_arm_that_is_still_vented(nodes, capfd):
     """The one of the controller, not another one."""
     enable("")
@@ -180,6 +182,7 @@ def test_enable_names_the_arm_that_is_still_vented(nodes, capfd):
     assert capfd.readouterr().err.splitlines() == [said]
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("nodes", [()], indirect=True)
 def test_a_vent_that_reaches_no_valve_is_no_success(nodes, capfd):
     """As after the driver was killed: the controller still answers."""
@@ -190,6 +193,7 @@ def test_a_vent_that_reaches_no_valve_is_no_success(nodes, capfd):
         reset("")
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("nodes", [("passing",)], indirect=True)
 @pytest.mark.parametrize("busy", [False, True])
 def test_a_run_that_ends_because_of_the_vent_did_hold_the_air(nodes, capfd, monkeypatch, busy):
@@ -222,6 +226,7 @@ def test_a_run_that_ends_because_of_the_vent_did_hold_the_air(nodes, capfd, monk
         assert caller.offering("vent") == ["/left/controller"]
 
 
+@pytest.mark.process
 def test_a_node_that_hangs_keeps_no_command_waiting(nodes, capfd):
     nodes.process.send_signal(signal.SIGSTOP)  # one that was killed stays known, too, for some seconds
     with pytest.raises(typer.Exit) as left:
@@ -232,6 +237,7 @@ def test_a_node_that_hangs_keeps_no_command_waiting(nodes, capfd):
     assert said.count("did not answer") == 3
 
 
+@pytest.mark.process
 def test_a_fault_is_injected_or_refused_with_its_reason(nodes, capfd):
     fault("/left/twin", "fault: leak, chamber: link0/chamber0, rate_1_s: 3")
     assert [str(one) for one in nodes.served.faults.active] == ["leak of link0/chamber0 (rate_1_s 3)"]
@@ -245,6 +251,7 @@ def test_a_fault_is_injected_or_refused_with_its_reason(nodes, capfd):
     assert "/left/twin: injected fault: leak" in capfd.readouterr().out
 
 
+@pytest.mark.process
 def test_a_path_without_an_emulator_is_no_name_of_a_node(tmp_path):
     (tmp_path / "file").touch()
     for path in (tmp_path / "gone", tmp_path / "file", "faults.sock"):
@@ -277,6 +284,7 @@ def test_a_domain_that_is_none_is_one_line(monkeypatch):
         reset("", 0.2)
 
 
+@pytest.mark.process
 def test_ctrl_c_ends_the_search(domain):
     process = subprocess.Popen([*SORO, "reset"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     # Once it joins ROS, amid the search of 4 s.

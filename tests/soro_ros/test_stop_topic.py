@@ -141,6 +141,7 @@ def pressed_and_released(arm, button):
     assert arm.ask("enable").success
 
 
+@pytest.mark.slow
 def test_a_pressed_stop_trips_and_refuses_reset_and_enable(button, arm):
     stop = button()
     it = arm()
@@ -163,6 +164,7 @@ def test_silence_counts_as_pressed(button, arm):
     it.until(lambda: it.ask("reset").success, "the reset", 0.0)
 
 
+@pytest.mark.slow
 def test_of_two_publishers_the_one_that_says_pressed_counts(button, arm):
     first, _ = button(), button()
     it = arm()

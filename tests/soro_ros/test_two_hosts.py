@@ -14,6 +14,8 @@ import pytest
 from soro_ros.host import middleware
 from tests.soro_ros import two_hosts
 
+pytestmark = pytest.mark.process
+
 # Longer than any run of it [s]: an end with what was printed, before the test itself is ended.
 HANG_S = 240
 # Ages that a busy machine does not reach.

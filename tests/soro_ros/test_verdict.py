@@ -119,6 +119,7 @@ def test_gains_that_are_stated_or_of_this_robot_are_accepted(tmp_path):
     )
 
 
+@pytest.mark.process
 def test_a_run_with_the_gains_of_another_robot_does_not_start(domain, tmp_path):
     status, output, folder = run(
         tmp_path, "robot=asu_two_segment", "platform=", "mode=lockstep", "controller=adaptive_three_bellow"
@@ -131,6 +132,7 @@ def test_a_run_with_the_gains_of_another_robot_does_not_start(domain, tmp_path):
     assert not (folder / "bag").exists()
 
 
+@pytest.mark.process
 def test_a_run_whose_reference_is_out_of_reach_does_not_start(domain, tmp_path):
     gains = "controller.gains={k_p: [0.4, 1.0e-6, 1.0e-6]}"
     changes = ("robot=asu_two_segment", "platform=", "mode=lockstep", gains)

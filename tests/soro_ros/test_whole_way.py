@@ -6,7 +6,11 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
 from tests.soro_ros.whole_way import ARMS, walk
+
+pytestmark = pytest.mark.process
 
 # As short as determines what the control needs; `make identify` goes the whole way with three arms.
 EXCITED = ("--stages", "singles,together,steps", "--levels", "2", "--duration", "45")

@@ -61,6 +61,7 @@ def test_the_force_of_the_mass_is_that_of_a_heavier_arm():
     np.testing.assert_allclose(LearnedForce(ARM).force(learned, q, qd, a), expected, rtol=1e-9, atol=1e-15)
 
 
+@pytest.mark.slow
 def test_it_learns_the_force_that_acts():
     learner = Learner(ARM, config(noise=0.01, forget_s=1e3))
     theta = true_model()
@@ -195,6 +196,7 @@ def test_the_same_samples_give_the_same_bits():
     assert one.learned.theta.tobytes() == two.learned.theta.tobytes()
 
 
+@pytest.mark.slow
 def test_a_load_that_falls_off_is_found_at_once_and_w_stays():
     """And W, which explains a part of the load meanwhile, is left alone."""
     true = true_model()

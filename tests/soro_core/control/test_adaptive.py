@@ -165,6 +165,7 @@ def test_the_lyapunov_function_falls_as_the_proof_says(names, seed):
     assert lost >= dissipated * (1 - 2e-3)
 
 
+@pytest.mark.slow
 def test_the_tracking_error_converges():
     parameters = ParameterSet(ARM, adaptation("tip_mass", "a1", "a4", gain=[0.1, 1e8, 0.1]))
     wrong = parameters.polytope.project(parameters.nominal * np.array([0.1, 1.3, 0.7]))

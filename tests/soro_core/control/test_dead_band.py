@@ -95,6 +95,7 @@ def test_the_mean_pressure_of_a_straight_arm_is_less_where_areas_swell():
     assert less == pytest.approx(plain / (1.0 + per_pa * plain), rel=2e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["composite", "adaptive"])
 def test_an_arm_with_dead_bands_follows_like_one_without(figure, law):
     case = BY_NAME["the arm hanging, 7 1/m, 20 g"]
@@ -105,6 +106,7 @@ def test_an_arm_with_dead_bands_follows_like_one_without(figure, law):
     assert np.all(with_bands.command[-1] >= BANDS_PA)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["composite", "adaptive"])
 def test_an_arm_whose_areas_swell_follows_like_one_without(figure, law):
     case = BY_NAME["the arm hanging, 7 1/m, 20 g"]

@@ -101,6 +101,7 @@ def obstacle(seed):
     return spheres, planes
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["adaptive", "composite"])
 def test_a_motion_is_refused_where_a_dense_search_finds_that_the_arm_touches(law, free):
     """But for obstacles within 0.3 mm: weight bends the arm by that much between its ends."""

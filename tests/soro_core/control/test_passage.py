@@ -57,6 +57,7 @@ def messages(draw, limits):
     return draw(st.lists(row, min_size=1, max_size=6)), draw(st.sampled_from([0.001, 0.005, 0.02]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("basis", range(len(BASES)))
 @given(data=st.data())
 @settings(deadline=None, max_examples=40, derandomize=True, phases=[Phase.generate])
@@ -99,6 +100,7 @@ def astuple(at):
     return at.q, at.qd, at.qdd
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("basis", range(len(BASES)))
 @given(data=st.data())
 @settings(deadline=None, max_examples=15, derandomize=True, phases=[Phase.generate])

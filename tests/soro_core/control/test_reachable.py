@@ -55,6 +55,7 @@ def test_many_chambers_are_sampled(monkeypatch):
     assert 0.3 < grid.mean() < 0.7
 
 
+@pytest.mark.slow
 def test_an_arm_without_a_stable_rest_is_one_line(arm, monkeypatch):
     monkeypatch.setattr(RestForces, "is_stable", lambda *of: False)
     with pytest.raises(ModelError, match="no stable rest"):

@@ -50,6 +50,7 @@ def several(control):
     return lambda state, t: control.trajectory(t, names, [0.0, 1.0, 2.0], rows)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [tip, single, several])
 @pytest.mark.parametrize("hz", [1, 2, 5, 20, 200])
 def test_what_is_sent_repeatedly_ends_where_one_message_ends(control, hz, make):
@@ -69,6 +70,7 @@ def test_poses_that_differ_a_little_are_no_harm(control):
     assert np.all(np.abs(q - goal) < [0.01, 0.3, 0.3])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hz", [5, 20, 200])
 def test_a_streamed_circle_is_followed_with_the_stated_lag(control, hz, figure):
     """12 mm in 6 s, one message and two time constants late; it stops where the stream stops."""

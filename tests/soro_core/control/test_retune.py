@@ -90,6 +90,7 @@ def test_adaptation_that_is_switched_off_keeps_what_is_learned():
     assert loop.state.law.estimate.tolist() != frozen
 
 
+@pytest.mark.slow
 def test_another_reference_is_reached_by_a_passage():
     loop = Loop()
     before = loop.state.point.q

@@ -137,6 +137,7 @@ MATCHED = {
 }
 
 
+@pytest.mark.slow
 def test_it_is_consistent(robot):
     """Normalised estimation error squared over seeds, within the 99.9 % interval of its mean."""
     values = []

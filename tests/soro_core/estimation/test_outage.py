@@ -7,6 +7,8 @@ from soro_core.config import find_config, parse
 from soro_core.control import ControllerConfig
 from tests.soro_core.loop.loop_harness import Setup, run
 
+pytestmark = pytest.mark.slow
+
 BEGIN_S, END_S = 10.0, 11.0
 
 

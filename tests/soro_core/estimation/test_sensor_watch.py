@@ -121,6 +121,7 @@ def test_a_heavy_load_is_no_delay(law, changes):
     assert not any("stamps" in note for _, note in notes)
 
 
+@pytest.mark.slow
 def test_good_sensors_give_no_note():
     """Neither a load, nor lag, outliers and lost poses look like a delay or a residual that grows."""
     lag = RegulatorModel(tau_s=0.104)

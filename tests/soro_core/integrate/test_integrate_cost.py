@@ -6,6 +6,8 @@ import sys
 
 import pytest
 
+pytestmark = pytest.mark.process
+
 COUNT = """
 import sys
 sys.path.insert(0, {folder!r})

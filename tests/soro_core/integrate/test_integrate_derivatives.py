@@ -55,6 +55,7 @@ def errors(stepper, state, p, dt, scale, wrench=None):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DERIVED)
 def test_of_a_step_with_losses_and_chambers(name):
     arm = bellows(**LOSSES)

@@ -16,6 +16,7 @@ from soro_core.pneumatics.chamber import ValveModel, make_gas
 ROUND_OFF = 1e-12
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dt", [2e-3, 5e-3])
 def test_midpoint_keeps_energy_for_a_minute(dt, figure):
     """Bounded, and no trend: a straight line fitted to the energy explains nothing of it."""
@@ -97,6 +98,7 @@ def test_round_off_does_not_add_up_to_a_gain(name):
     assert growth(energies(arm, result, 20_000)) <= ROUND_OFF * scale(arm, result)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DISSIPATIVE)
 @pytest.mark.parametrize("dt", [1e-3, 5e-3])
 @pytest.mark.parametrize("method", ["exact", "mde"])
@@ -119,6 +121,7 @@ OUTSIDE = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", DISSIPATIVE)
 @pytest.mark.parametrize("dt", [1e-3, 5e-3])
 @pytest.mark.parametrize("what", OUTSIDE)

@@ -8,6 +8,8 @@ import pytest
 from tests.soro_core.loop.arms import BY_NAME
 from tests.soro_core.loop.loop_harness import run
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize(
     "name",

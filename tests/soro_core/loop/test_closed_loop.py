@@ -39,6 +39,7 @@ def report(name, record):
     )
 
 
+@pytest.mark.slow
 def test_the_main_job(robot):
     """20 s of the circle with 20 g that the controller does not know of."""
     adapted = run(robot, Setup())
@@ -58,6 +59,7 @@ def test_the_main_job(robot):
     assert 0.02 < adapted.estimates[-1, adapted.names.index("tip_mass")] < 0.035
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [2])
 def test_other_noise(robot, seed):
     record = run(robot, Setup(seed=seed, duration_s=LEARNT_S))
@@ -65,6 +67,7 @@ def test_other_noise(robot, seed):
     assert record.rms() <= 1.2e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("payload", [0.0, 0.01, 0.03])
 def test_other_payloads(robot, payload):
     """With 30 g the vented arm lies over; the largest error is on the way up, before anything was learnt."""
@@ -74,6 +77,7 @@ def test_other_payloads(robot, payload):
     assert record.error()[record.t > 3.0].max() < 20e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("period", [3.0, 6.0])
 def test_other_periods(robot, period):
     record = run(robot, Setup(control=circle(period_s=period), duration_s=14.0))
@@ -81,6 +85,7 @@ def test_other_periods(robot, period):
     assert record.rms() <= 1.8e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("payload", [0.0, 0.02])
 @pytest.mark.parametrize("ticks", [4, 20])
 def test_delay_beyond_the_known_one(robot, payload, ticks):
@@ -93,6 +98,7 @@ def test_delay_beyond_the_known_one(robot, payload, ticks):
     assert np.std(wobble) < 0.5e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [{"stiffness": 0.9}, {"stiffness": 1.2}, {"gain": 0.95}, {"gain": 1.05}, {"damping": 0.5}],
@@ -104,6 +110,7 @@ def test_a_plant_that_differs_from_the_file(robot, changes):
     assert record.rms() <= 1.6e-3
 
 
+@pytest.mark.slow
 def test_bad_sensing(robot):
     """A fifth of the samples lost, 2 % far off, 15 ms late."""
     record = run(robot, Setup(drop=0.2, outlier=0.02, pose_delay=3))
@@ -114,6 +121,7 @@ def test_bad_sensing(robot):
     assert record.counts.stale > 300
 
 
+@pytest.mark.slow
 def test_the_hanging_arm(robot):
     """The same controller on the arm turned over; 10 1/m would take more than 90 kPa there with 20 g."""
     hanging = robot.replace(base_quaternion=(1.0, 0.0, 0.0, 0.0))

@@ -98,6 +98,7 @@ def test_between_its_steps_the_force_of_the_bend_follows_arm_and_mass(robot):
     assert off < 0.05  # of what a force that stays would miss
 
 
+@pytest.mark.slow
 def test_the_circle_with_a_load_that_is_not_known(robot):
     record = run(robot, setup())
     report("20 g", record)
@@ -113,6 +114,7 @@ def test_the_circle_with_a_load_that_is_not_known(robot):
     assert abs(record.estimates[-1, record.names.index("tip_mass")] - 0.02) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_line_after_a_circle():
     """The bend of the line is not that of the circle on which the load is learned."""
     rms, largest, factor = error("composite", PATHS["line of 30 mm"], seed=1, learning_s=6.0)
@@ -121,6 +123,7 @@ def test_a_line_after_a_circle():
     assert factor == 1.0
 
 
+@pytest.mark.slow
 def test_the_load_falls_off_and_poses_freeze(robot):
     """Below 2 mm again within 1.2 s; a few seconds later the sensor repeats itself for a second."""
     record = run(robot, setup(load_steps=((5.0, 0.0),), frozen_s=(8.0, 9.0), duration_s=11.0))
@@ -133,6 +136,7 @@ def test_the_load_falls_off_and_poses_freeze(robot):
     assert abs(record.estimates[-1, record.names.index("tip_mass")]) < 5e-3
 
 
+@pytest.mark.slow
 def test_a_load_that_is_too_much_is_named_and_the_arm_comes_back(robot):
     """Hanging: 80 g for 1.2 s on an arm that carries 20 g, and whose pressures end there."""
     hanging = robot.replace(base_quaternion=(1.0, 0.0, 0.0, 0.0))
@@ -151,6 +155,7 @@ def test_a_load_that_is_too_much_is_named_and_the_arm_comes_back(robot):
     assert record.statuses[-1] == ""
 
 
+@pytest.mark.slow
 def test_an_arm_that_falls_over_is_vented(robot):
     """Standing: 100 g bend it over whatever its pressures are."""
     record = run(robot, setup(payload_kg=0.1, duration_s=7.0))

@@ -4,6 +4,8 @@ import pytest
 
 from tests.apparatus.extremes.loop_cells import loop_cells
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("cell", [cell for cell in loop_cells() if cell.quick], ids=str)
 def test_it_ends_as_stated(cell):

@@ -16,6 +16,7 @@ def run(seconds, **twin):
     return drive(scene, Discretisation(), seconds)
 
 
+@pytest.mark.slow
 def test_the_circle_on_air_behind_valves():
     record = run(8.0, air="states", valve=VALVE)
     error = 1e3 * record.tracking_error_m(2.0)

@@ -38,6 +38,7 @@ def test_order_zero_runs_as_constant_strain_does(robot):
     np.testing.assert_allclose(zero.tip, constant.tip, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [2])
 def test_the_main_job_with_varying_strain(robot, figure, order):
     """As `test_the_main_job`, where constant strain leaves 0.74 mm: 20 g that no model contains."""

@@ -4,6 +4,8 @@ import pytest
 
 from tests.apparatus.extremes.cells import cells
 
+pytestmark = pytest.mark.slow
+
 CELLS = [pytest.param(cell, id=str(cell)) for cell in cells() if cell.quick]
 
 

@@ -121,6 +121,7 @@ def test_a_lock_that_is_a_link_empties_nothing(temp, tmp_path, caplog):
     assert (tmp_path / "precious").read_text() == "kept"
 
 
+@pytest.mark.process
 def test_a_folder_of_one_process_goes_with_it(temp, tmp_path):
     temp.write_text("in the way")
     code = "import soro_core.kernel_folder as f; print(f.kernel_folder('abc'))"
@@ -171,6 +172,7 @@ def ask(start, cache: str, answers) -> None:
         answers.put(kernel.read_text() == "code" and folder.parent.name == "soro")
 
 
+@pytest.mark.process
 def test_several_at_once(root):
     """Each finds its folder and can write there, while all of them remove the same old ones."""
     for k in range(20):

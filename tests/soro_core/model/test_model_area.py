@@ -24,6 +24,7 @@ def arm_with(field=FIELDS[1], slope=3.0, **keys):
     return SoftArm(plain.replace(links=[{**link.model_dump(exclude_none=True), "chambers": chambers}]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field["basis"])
 @pytest.mark.parametrize(("slope", "saturation"), [(4.0, 0.4), (-4.0, 0.05), (20.0, 0.9)])
 def test_volume_force_and_stiffness_of_a_bounded_area_are_derivatives(field, slope, saturation):
@@ -99,6 +100,7 @@ def test_a_pressure_beyond_the_pole_is_refused_with_its_name():
         assert caught.value.key == "p"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("swell", [0.0, SWELL])
 def test_derivatives_with_a_dead_band_and_a_bounded_area(swell):
     arm = arm_with(dead_band_pa=BAND, area_saturation=0.3, swell_per_pa=swell)

@@ -67,6 +67,7 @@ def air_stiffness(gas, t, q, slope, row, K):
     add_air_stiffness(gas, t, q, slope, 1.0, row, K)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field["basis"])
 def test_volume_force_and_stiffness_are_derivatives_of_each_other(field):
     arm = SoftArm(robot(field))

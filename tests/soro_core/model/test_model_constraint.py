@@ -16,6 +16,7 @@ def tip_of(arm, q):
     return arm.pose(q, arm.length)[:3, 3]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n_links", "basis"), CASES)
 def test_force_is_the_gradient_of_the_stored_energy(n_links, basis):
     arm = arm_of(n_links, basis, tip_constraint=HELD)
@@ -38,6 +39,7 @@ def test_holds_the_axes_that_it_is_told_to(axes):
     np.testing.assert_allclose(force, whole * [axis in axes for axis in "xyz"], atol=1e-7)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["trapezoidal", "tr_bdf2"])
 @pytest.mark.parametrize(("n_links", "basis"), CASES)
 def test_tip_stays_where_it_is_held(n_links, basis, integrator):
@@ -85,6 +87,7 @@ def test_pulled_to_its_point_it_loses_energy():
     assert np.diff(energy).max() < 1e-12 * np.ptp(energy)
 
 
+@pytest.mark.slow
 def test_a_run_comes_to_rest_at_the_equilibrium():
     link = {"length": 0.1, "radius": 0.01, "density": 1100.0, "damping": [1.0, 1e-3, 1e-3]}
     link |= {"material": {"youngs_modulus": 5e5, "shear_modulus": 2e5, "viscosity": 5e3}}

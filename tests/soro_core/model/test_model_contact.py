@@ -75,6 +75,7 @@ def test_forces_enter_by_the_jacobian_of_the_point_that_touches(n_links, basis):
     np.testing.assert_allclose(found.generalised, want, atol=1e-10 * np.abs(want).max())
 
 
+@pytest.mark.slow
 def test_forward_dynamics_has_the_same_forces():
     arm, q, qd = touching(2, "legendre", **LOSSY)
     right = arm.external_forces(q, qd).generalised
@@ -143,6 +144,7 @@ def tangent(arm, q, qd, by_q, by_v, secant=0.0):
     return np.linalg.inv(X) - arm.inertia_matrix(q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("n_links", "basis"), CASES)
 @pytest.mark.parametrize("law", [{"damping": 0.5}, {"friction": 0.6, "slip_velocity": 0.1}])
 def test_tangent_by_velocity(n_links, basis, law):

@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from soro_core import SoftArm, _jit, load_robot
 from soro_core.model.entries import make_box
@@ -55,6 +56,7 @@ def values(**environment):
     return json.loads(done.stdout)
 
 
+@pytest.mark.process
 def test_same_results_without_compiling():
     """Plain Python also checks every index, which compiled code does not."""
     compiled, plain = values(), values(NUMBA_DISABLE_JIT="1")
@@ -101,6 +103,7 @@ def caller(x):
 """
 
 
+@pytest.mark.process
 def test_a_changed_callee_of_another_package_changes_the_result(tmp_path):
     """A process that starts after the change does not get the machine code of before."""
     for package in _jit.PACKAGES:
@@ -144,6 +147,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.process
 def test_compiling_is_told_once_and_finding_in_the_cache_is_not(tmp_path):
     def said(child: bool, cache: Path) -> list[str]:
         script = tmp_path / "script.py"
@@ -205,6 +209,7 @@ print(json.dumps([value, compiled, code]))
 """
 
 
+@pytest.mark.process
 def test_what_only_kernels_call_is_linked_and_found_again(tmp_path):
     """It has no machine code of its own, and a kernel of another process takes it from the cache."""
     (tmp_path / "parts.py").write_text(PARTS)

@@ -10,6 +10,8 @@ from soro_core._jit import kernel
 from soro_core.model import entries
 from soro_core.model.build import find_site
 
+pytestmark = pytest.mark.slow
+
 
 @kernel
 def largest_zero(box):

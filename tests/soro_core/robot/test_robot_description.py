@@ -115,6 +115,7 @@ def test_silicone_rod_follows_the_reference_rod(reference, strains, limit):
     assert np.sqrt((error**2).mean()) < limit
 
 
+@pytest.mark.slow
 def test_six_link_benchmark_error_falls_with_steps():
     """Mean tip distance of mde at 50 Hz from the exact method falls with the second order of its steps."""
     robot = load_robot("six_link")

@@ -194,6 +194,7 @@ def healthy(at_ms, phase):
     return np.where(np.arange(CHAMBERS) % 3 == 0, steps, circles)
 
 
+@pytest.mark.slow
 def test_no_healthy_hour_trips():
     """An hour's chamber seconds, with noise, hysteresis, quantisation, and one answer in 50 lost."""
     names = tuple(f"link0/chamber{n}" for n in range(CHAMBERS))

@@ -220,6 +220,7 @@ def test_explicit_integrators_are_refused_before_and_after_the_start(robot, inte
         Twin(robot, scene.twin_node())
 
 
+@pytest.mark.process
 def test_configurations_load_no_kernels():
     """A regulator node, an emulator or `soro doctor` on a small computer must not pay for numba."""
     code = (

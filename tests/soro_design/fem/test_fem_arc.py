@@ -13,6 +13,7 @@ from tests.refused import fails
 from tests.soro_design.fem.moving_parts import RISE, RUBBER, balloon, inflated, pressure_of, shallow, snapped
 
 
+@pytest.mark.slow
 def test_a_balloon_is_followed_past_its_greatest_pressure(figure):
     stretch, load = inflated()
     off = load / pressure_of(stretch) - 1.0

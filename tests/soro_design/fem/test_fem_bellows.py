@@ -13,6 +13,7 @@ from tests.soro_design.fem.three_bellow import ALONG, LENGTH, SHAPE, THESIS, for
 LOBES_ALONE = replace(SHAPE, end=0.0)
 
 
+@pytest.mark.slow
 def test_force_of_the_three_bellow_part(figure):
     """Both ends are clamped; the feasibility study reached 17.00 N at 20 mm.
 
@@ -31,6 +32,7 @@ def test_force_of_the_three_bellow_part(figure):
     assert (short < 1.01 * found).all()
 
 
+@pytest.mark.slow
 def test_forces_of_a_lobe(figure):
     """Half a lobe stands for all where ends may widen; a finer mesh is softer by little."""
     half = forces(LOBES_ALONE, False, 0.5)

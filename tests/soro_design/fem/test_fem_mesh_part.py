@@ -111,6 +111,7 @@ def test_a_tendon_beside_the_axis_bends_a_beam(tmp_path, figure):
     assert means[1] < 0.5 * means[0]
 
 
+@pytest.mark.slow
 def test_a_rod_with_a_tendon_bends_towards_it(tmp_path):
     """Between the first two chambers, and its tension stands in the table."""
     at = 0.0105 * np.array([np.cos(np.pi / 3.0), np.sin(np.pi / 3.0)])

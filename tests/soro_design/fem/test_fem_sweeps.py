@@ -31,6 +31,7 @@ def rows(out):
         return list(csv.DictReader(stream))
 
 
+@pytest.mark.slow
 def test_a_run_leaves_shapes_a_table_backbones_and_pictures(tmp_path):
     done, path, out = call(tmp_path, ROD, sweeps=[PULL, ONE])
     assert done.exit_code == 0, done.output
@@ -69,6 +70,7 @@ def test_a_folder_of_another_part_is_refused(tmp_path):
         load_backbones(out, load_part(path))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["backbone.npz", "part.json"])
 def test_a_damaged_folder_of_a_run_is_one_line(tmp_path, name):
     _, path, out = call(tmp_path, ROD, sweeps=[PULL])
@@ -77,6 +79,7 @@ def test_a_damaged_folder_of_a_run_is_one_line(tmp_path, name):
         load_backbones(out, load_part(path))
 
 
+@pytest.mark.slow
 def test_a_tube_keeps_its_ends_and_has_a_force(tmp_path):
     pulled = {"name": "pulled", "extension_m": 1e-4, "states": 1}
     done, _, out = call(tmp_path, TUBE, sweeps=[*TUBE["sweeps"], pulled])
@@ -96,6 +99,7 @@ def test_a_sweep_without_equilibrium_keeps_its_last_state_and_the_others_go_on(t
     assert {row["sweep"] for row in rows(out)} == {"crushed", "blown"}
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(tmp_path, monkeypatch):
     follow = sweeps.follow
 

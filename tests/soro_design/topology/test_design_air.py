@@ -55,6 +55,7 @@ def slope_of(evaluate, density, along, step):
     return (8.0 * near - far) / (12.0 * step)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("space", ["plane_strain", "axisymmetric"])
 def test_the_adjoint_is_exact(space, monkeypatch):
     """Energy, spring, air and its flow, void and grey elements at once, for a motion of large strain."""

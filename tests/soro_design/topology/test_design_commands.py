@@ -27,6 +27,7 @@ def soro(tmp_path, monkeypatch):
     return lambda *arguments: CliRunner().invoke(application(), ["design", *arguments])
 
 
+@pytest.mark.slow
 def test_a_run_is_interrupted_resumed_checked_and_exported(soro, tmp_path, monkeypatch):
     line = design._line
 
@@ -70,6 +71,7 @@ def test_a_run_is_interrupted_resumed_checked_and_exported(soro, tmp_path, monke
     assert np.ptp(points[:, 2]) == pytest.approx(4e-3)
 
 
+@pytest.mark.slow
 def test_a_part_that_leaks_ends_with_a_reason(soro, tmp_path):
     """One iteration from grey: below the threshold everywhere, so the final part has no wall."""
     task = yaml.safe_load((tmp_path / "small.yaml").read_text())
@@ -97,6 +99,7 @@ def test_what_does_not_belong_to_a_part_is_refused_and_an_unfinished_one_is_told
     assert "1 of 14 iterations" in unfinished.output
 
 
+@pytest.mark.slow
 def test_the_folder_of_a_run_needs_no_other_file_and_a_failed_run_is_drawn(soro, tmp_path):
     """The material comes from a file beside the task; then the pressure gets too high."""
     (tmp_path / "own.yaml").write_text((config_folder() / "materials" / "dragonskin_10.yaml").read_text())

@@ -51,6 +51,7 @@ def test_the_coarse_arch_gets_stiffer_by_as_much_as_its_air_allows():
     assert not shape(make_domain(coarse), state).leak
 
 
+@pytest.mark.slow
 def test_a_pressure_without_equilibrium_is_lowered_and_named():
     """Far beyond what the silicone bears: the row says by how much the pressure was lowered."""
     task = bellow(schedule={"pressure_pa": [3e5, 3e5], "iterations": 1, "ramp": 0})
@@ -62,6 +63,7 @@ def test_a_pressure_without_equilibrium_is_lowered_and_named():
     assert row.pressure_pa == pytest.approx(5e4 * row.eased)
 
 
+@pytest.mark.slow
 def test_a_disc_about_an_axis_keeps_its_pressure_and_is_sealed():
     """The shipped task on a coarse grid: every pressure of the schedule has an equilibrium."""
     task = load_task("disc")
@@ -126,6 +128,7 @@ def test_a_part_that_no_wall_can_seal_is_refused_with_the_place():
     assert "(20, 0) mm" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_a_design_that_leaks_says_where():
     """The start is grey everywhere; with a threshold above it all is void."""
     task = bellow(schedule={"iterations": 1, "ramp": 0})

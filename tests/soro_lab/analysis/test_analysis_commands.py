@@ -66,6 +66,7 @@ def test_place_sensors_writes_picture_numbers_and_keys_of_a_scene(soro, tmp_path
     Scene.model_validate(yaml.safe_load(block))
 
 
+@pytest.mark.slow
 def test_a_noise_that_is_larger_makes_a_sensor_worth_less(soro, tmp_path):
     values = []
     for noise in ("0.0003", "0.01"):

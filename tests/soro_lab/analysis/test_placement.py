@@ -25,6 +25,7 @@ def placed():
     return one, two
 
 
+@pytest.mark.slow
 def test_greedy_is_near_the_best_set(placed, figure):
     for found in placed:
         value, n = found.information.value, len(found.candidates)
@@ -75,6 +76,7 @@ def test_a_turned_arm_has_the_same_values():
     assert values[0] == pytest.approx(values[1], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_more_sensors_say_more_and_the_report_has_it(placed, tmp_path):
     found = placed[1]
     rows = steps(found)

@@ -94,6 +94,7 @@ def test_the_ellipse_is_what_the_force_does():
     assert (x / 0.1) ** 2 + (y / 0.05) ** 2 == pytest.approx(np.ones_like(x))
 
 
+@pytest.mark.slow
 def test_places_near_collapse_are_found_and_none_beyond(monkeypatch):
     monkeypatch.setattr("soro_core.control.reachable_workspace.MOST", 51)  # pressures: steps of a fortieth
     arm = bent_arm()

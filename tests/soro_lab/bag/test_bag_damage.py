@@ -120,6 +120,7 @@ def test_wrong_counts_in_metadata_are_noted(tmp_path):
 
 
 # Cut files ----------------------------------------------------------------------------------------
+@pytest.mark.slow
 def test_cut_at_and_around_every_record(tmp_path):
     """Whatever was whole on the disk is read, and repair makes a sound bag of exactly that."""
     messages = random_messages(seed=11, count=45)
@@ -372,6 +373,7 @@ while True:
 """
 
 
+@pytest.mark.process
 def test_a_killed_recorder_leaves_all_that_it_flushed(tmp_path):
     bag = tmp_path / "run"
     process = subprocess.Popen([sys.executable, "-c", WRITER, str(bag)], stdout=subprocess.PIPE, text=True)

@@ -21,6 +21,7 @@ def _no_waiting_for_the_disk(monkeypatch):
     monkeypatch.setattr(os, "fsync", lambda descriptor: None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", RECORDINGS)
 def test_flips_anywhere(name):
     found = flip(RECORDINGS[name][0](), 8 if "shipped" in name else 40, seed=14)
@@ -44,6 +45,7 @@ def small() -> Recording:
     return Recording.of(stream.getvalue())
 
 
+@pytest.mark.slow
 def test_every_third_byte_of_a_small_file():
     recording = small()
     for place in range(0, len(recording.content), 3):

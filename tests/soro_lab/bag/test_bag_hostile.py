@@ -227,6 +227,7 @@ LONG_WINDOW = zstandard.ZstdCompressor(
 ).compress(bytes(MANY_MS))
 
 
+@pytest.mark.process
 @pytest.mark.parametrize("name", BOMBS)
 def test_a_bomb_takes_little_time_and_memory(tmp_path, name):
     file = tmp_path / "bag.mcap"
@@ -247,6 +248,7 @@ def test_a_bomb_takes_little_time_and_memory(tmp_path, name):
     assert len(lines) < 1100
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     "qos",
     [

@@ -66,6 +66,7 @@ def test_files_of_a_bag_that_was_not_closed_are_found(tmp_path):
     writer.close()
 
 
+@pytest.mark.process
 def test_a_killed_recorder_loses_less_than_a_second(tmp_path):
     process = subprocess.Popen(
         [sys.executable, "-c", RECORDER, str(tmp_path / "run")], stdout=subprocess.PIPE, text=True

@@ -47,6 +47,7 @@ def found(guess: Robot) -> Identified:
     return identify(guess, [by_imu(record(with_numbers(guess, TRUTH)))], options)
 
 
+@pytest.mark.slow
 def test_what_bends_is_found(found: Identified) -> None:
     assert found.choice is not None
     assert found.choice.chosen.laws == ()

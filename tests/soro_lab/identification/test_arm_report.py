@@ -80,6 +80,7 @@ def content(folder: Path) -> dict:
     return json.loads((folder / "report.json").read_text(encoding="utf-8"))
 
 
+@pytest.mark.slow
 def test_the_page_needs_no_network(page: Page, folder: Path) -> None:
     assert page.addresses
     assert all(address.startswith(("data:image/", "#")) for address in page.addresses)
@@ -104,6 +105,7 @@ def test_every_run_has_a_heading_and_a_picture(page: Page, found: Identified) ->
     assert sum(address.startswith("data:image/png") for address in page.addresses) == len(names)
 
 
+@pytest.mark.slow
 def test_numbers_of_the_page_are_those_of_the_file(page: Page, content: dict) -> None:
     assert len(page.cells) > 100
     for path, factor, text in page.cells:

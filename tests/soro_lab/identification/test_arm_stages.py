@@ -40,6 +40,7 @@ def found(guess: Robot) -> Identified:
     return identify(guess, [record(with_numbers(guess, TRUTH))], options)
 
 
+@pytest.mark.slow
 def test_the_law_of_the_arm_is_chosen(found: Identified) -> None:
     assert found.choice is not None
     assert [law.name for law in found.choice.chosen.laws] == ["area slope"]
@@ -64,6 +65,7 @@ def test_the_frame_of_the_tracker_is_found(found: Identified) -> None:
     np.testing.assert_allclose(offset, [0.4, 0.1, 0.8], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_what_was_held_out_is_predicted(found: Identified) -> None:
     assert found.held_out
     assert found.held_out_share < 0.03
@@ -109,6 +111,7 @@ def test_wrong_use_names_the_option(words: tuple[str, ...], field: str, tmp_path
     assert not (tmp_path / "new.yaml").exists()
 
 
+@pytest.mark.slow
 def test_no_fit_sees_a_run_that_is_held_out_by_name(guess: Robot) -> None:
     made = record(with_numbers(guess, TRUTH), hold_s=0.6)
     kept = replace(made, name="kept")

@@ -71,6 +71,7 @@ def columns(**bend) -> Columns:
     return parse({"pressures": pressures, "bends": {"angle": found}}, Columns, where="map.yaml")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("way", "chambers_deg", "keys"),
     [("bending_x", 0.0, {}), ("bending_y", 90.0, {"towards_deg": 90.0})],

@@ -48,6 +48,7 @@ def made(tmp_path_factory):
     return folder, part, out, done
 
 
+@pytest.mark.slow
 def test_a_part_becomes_a_robot_file_that_moves_like_it(made):
     _, _, out, done = made
     assert done.exit_code == 0, done.output
@@ -65,6 +66,7 @@ def test_a_part_becomes_a_robot_file_that_moves_like_it(made):
     assert "Mesh: " in done.output
 
 
+@pytest.mark.slow
 def test_chambers_that_balloon_are_no_link(tmp_path):
     """Without hoops walls bulge and pull the rod short: an area that grows with the length cannot do that."""
     out = tmp_path / "arm.yaml"
@@ -75,6 +77,7 @@ def test_chambers_that_balloon_are_no_link(tmp_path):
     assert out.is_file()
 
 
+@pytest.mark.slow
 def test_the_tip_follows_a_circle_under_control(made, tmp_path):
     _, _, out, _ = made
     circle = {"kind": "circle", "period_s": 4.0, "curvature_per_m": 0.7}
@@ -106,6 +109,7 @@ def test_the_report_needs_no_network_and_has_the_numbers(made):
     assert content["modes"][2][0]["strain"] < content["modes"][0][0]["strain"] / 3.0
 
 
+@pytest.mark.slow
 def test_what_exists_is_refused_and_a_run_is_used_again(made, tmp_path):
     folder, part, out, _ = made
     old = ("--run", folder / "arm_fem", "--no-mesh-check")

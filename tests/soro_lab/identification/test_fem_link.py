@@ -38,6 +38,7 @@ def test_shear_is_no_part_of_the_bending_stiffness():
     assert soft.k_b_whole_nm < 0.9 * stiff.k_b_whole_nm
 
 
+@pytest.mark.slow
 def test_a_joint_fit_gives_all_numbers_back():
     found = refine(DATA, KNOWN, direct(DATA))
     assert found.converged

@@ -29,6 +29,7 @@ def recorded(path: Path, seed: int, seconds: float = 5.0) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_recording_gives_a_block_to_paste(tmp_path: Path) -> None:
     records = [str(recorded(tmp_path / f"run{seed}.csv", seed)) for seed in (1, 2)]
     picture = tmp_path / "fit.png"

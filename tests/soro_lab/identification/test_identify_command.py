@@ -152,6 +152,7 @@ def _end(found: Identified, monkeypatch: pytest.MonkeyPatch, *words: str):
     return _soro("tue_three_bellow", "bag", "--out", "new.yaml", *words)
 
 
+@pytest.mark.slow
 def test_exit_0_accepted(found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ("--accept", "20", "--report", "page", "--profile", "none")
     result = _end(found, monkeypatch, *words)
@@ -186,6 +187,7 @@ def test_exit_1_where_a_number_is_unphysical(
     assert _end(kept, monkeypatch, "--accept", "100", "--force").exit_code == 0
 
 
+@pytest.mark.slow
 def test_exit_130_after_ctrl_c(found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ended = replace(found, interrupted=True)
     result = _end(ended, monkeypatch, "--accept", "100", "--report", "page")
@@ -195,6 +197,7 @@ def test_exit_130_after_ctrl_c(found: Identified, here: Path, monkeypatch: pytes
     assert (here / "page" / "index.html").exists()
 
 
+@pytest.mark.slow
 def test_ctrl_c_during_profiles_keeps_the_file_and_the_report(
     found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

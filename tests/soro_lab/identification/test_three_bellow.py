@@ -120,6 +120,7 @@ def test_elongation_is_plausible(robot: Robot) -> None:
         assert low < longer < high
 
 
+@pytest.mark.slow
 def test_an_outlier_in_the_recording_spoils_no_fit(robot: Robot, forced: ForcedRun, data: Path) -> None:
     """The same fit with the start of the run as recorded, spike included, and with the spike removed."""
     spike = read_forced(data / "tue_three_bellow" / "forced_p123_spike.csv")

@@ -162,6 +162,7 @@ def test_measured_steps_are_those_of_slow_regulators(measured: FoundSteps) -> No
         assert np.median(times) == pytest.approx(seconds, abs=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("which", [1, 5])
 def test_models_meet_measured_steps_of_runs_not_seen(
     measured: FoundSteps, which: int, figure: Callable[[str], None], tmp_path: Path

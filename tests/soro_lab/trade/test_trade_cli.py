@@ -97,6 +97,7 @@ def test_ctrl_c_writes_what_is_done(soro, tmp_path, monkeypatch):
     assert written["combinations"]["run"] == len(computed) == 3
 
 
+@pytest.mark.slow
 def test_processes_find_the_same_errors(soro, tmp_path):
     one = soro("small.yaml", *QUICK, "--error", "5%", "--out", "one", "--fresh")
     two = soro("small.yaml", *QUICK, "--error", "5%", "--out", "two", "--fresh", "--jobs", "2")

@@ -110,6 +110,7 @@ def studied(case, tmp_path_factory):
     return cache, workers, run_study(case, GRID, requirement, workers, cache, repeats=1)
 
 
+@pytest.mark.slow
 def test_front_and_choice(studied):
     _, _, study = studied
     assert study.combinations == 3 * 3 * len({row.candidate.integrator for row in study.rows}) * 3

@@ -14,6 +14,8 @@ from soro_lab.scene import load_scene
 from soro_ros.view import beside
 from tests.soro_ros.conftest import own_domain
 
+pytestmark = pytest.mark.process
+
 
 @pytest.fixture(autouse=True)
 def _domain(tmp_path_factory):

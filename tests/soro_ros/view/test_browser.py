@@ -16,9 +16,10 @@ from tests.soro_ros.conftest import own_domain
 from tests.soro_ros.running import end
 from tests.soro_ros.view import browser as chromium
 
-pytestmark = pytest.mark.skipif(
-    chromium.PROGRAM is None, reason="no chromium (Debian's package) is installed"
-)
+pytestmark = [
+    pytest.mark.skipif(chromium.PROGRAM is None, reason="no chromium (Debian's package) is installed"),
+    pytest.mark.process,
+]
 
 
 @pytest.fixture

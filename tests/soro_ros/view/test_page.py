@@ -41,6 +41,7 @@ def straight(length=ROBOT.length, x=0.0):
     return poses
 
 
+@pytest.mark.process
 def test_a_moment_that_is_like_the_last_sends_nothing_and_a_moved_arm_its_vertices(server, sent):
     page = Page(server, ROBOT)
     names = ROBOT.chamber_names
@@ -60,6 +61,7 @@ def test_a_moment_that_is_like_the_last_sends_nothing_and_a_moved_arm_its_vertic
     assert f"/arm/{names[0]}" in colours
 
 
+@pytest.mark.process
 def test_without_an_estimate_no_arm_is_drawn_and_the_page_says_so(server):
     page = Page(server, ROBOT)
     page.show([Moment(1.0, straight())])
@@ -71,6 +73,7 @@ def test_without_an_estimate_no_arm_is_drawn_and_the_page_says_so(server):
     assert (page._valves.value, page._faults.value) == ("vented: high pressure", "twin: silent")
 
 
+@pytest.mark.process
 def test_what_touches_an_obstacle_is_marked(server):
     wall = Plane(stiffness=1e3, point=(0.01, 0.0, 0.0), normal=(-2.0, 0.0, 0.0))
     ball = Sphere(stiffness=1e3, centre=(0.0, 0.0, ROBOT.length), radius=0.001)

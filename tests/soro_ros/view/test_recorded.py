@@ -69,6 +69,7 @@ def test_what_is_no_bag_says_so_and_not_that_a_robot_is_missing(tmp_path, capsys
     assert "no .mcap or .db3 file" in capsys.readouterr().err
 
 
+@pytest.mark.process
 def test_play_pause_and_the_slider_set_the_time(recorded):
     server = ViewServer(Access(), 18280)
     try:

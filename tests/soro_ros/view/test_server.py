@@ -18,6 +18,8 @@ from soro_ros.view.access import Access
 from soro_ros.view.server import ViewServer
 from tests.soro_ros.view.browser import until
 
+pytestmark = pytest.mark.process
+
 CAMERA = {
     "type": "ViewerCameraMessage",
     "wxyz": [1.0, 0.0, 0.0, 0.0],

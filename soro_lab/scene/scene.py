@@ -61,7 +61,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     twin: TwinSection = Field(TwinSection(), description="the simulated arm and its sensors")
     estimator: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
     controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
-    verdict: VerdictSection = Field(VerdictSection(), description="when a run is lost")
+    verdict: VerdictSection = Field(VerdictSection(), description="when a run is good, poor or lost")
     excite: ExciteConfig = Field(ExciteConfig(), description="the excitation of soro excite")
     markers: bool = Field(
         False, description="also start the node markers, which draws the arm for RViz and Foxglove"

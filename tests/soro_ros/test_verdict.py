@@ -24,13 +24,20 @@ LEAK = {"at": 5.0, "fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0
         ({}, {}, 0, "good", ()),
         # A tenth of 64 mm.
         ({"tip_error_last_rms_m": 6.5e-3}, {}, 0, "lost", ("6.5 mm", "10%")),
-        ({"tip_error_last_rms_m": 6.3e-3}, {}, 0, "good", ()),
-        ({"tip_error_last_rms_m": 6.5e-3}, {"verdict.tip_error_part": 0.2}, 0, "good", ()),
+        ({"tip_error_last_rms_m": 6.3e-3}, {}, 0, "poor", ("6.3 mm", "9.8%", "2% (1.3 mm)")),
+        ({"tip_error_last_rms_m": 6.5e-3}, {"verdict.tip_error_part": 0.2}, 0, "poor", ("6.5 mm",)),
+        # A fiftieth of it.
+        ({"tip_error_last_rms_m": 1.3e-3}, {}, 0, "poor", ("1.3 mm", "2.0%", "2%")),
+        ({"tip_error_last_rms_m": 1.27e-3}, {}, 0, "good", ()),
+        ({"tip_error_last_rms_m": 1.3e-3}, {"verdict.good_part": 0.03}, 0, "good", ()),
+        ({"tip_error_last_rms_m": 6.5e-3}, {"verdict.good_part": 0.2}, 0, "lost", ("6.5 mm", "10%")),
+        ({"saturated_last_part": 0.21}, {}, 0, "poor", ("21%", "last 5 s", "20%")),
+        ({"saturated_last_part": 0.2}, {}, 0, "good", ()),
         ({"saturated_part": 0.51}, {}, 0, "lost", ("51%", "50%")),
         ({"saturated_part": 0.51}, {"verdict.at_bound_part": 0.6}, 0, "good", ()),
         ({"saturated_part": 0.51, "duration_s": 2.0}, {}, 0, "good", ("5 s",)),
         ({"tip_error_last_rms_m": float("nan")}, {}, 0, "lost", ("5 s",)),
-        # With injected faults, as before there were verdicts.
+        # With injected faults a run is not judged by its figures.
         ({"tip_error_last_rms_m": 0.3}, {"faults": [LEAK]}, 0, "good", ()),
         (
             {"faults": ("regulator: vented: leak",)},

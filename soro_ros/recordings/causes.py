@@ -84,8 +84,9 @@ def _says(node: str, *words: str) -> Callable[[Evidence], str]:
     """Return a finder of one of these words in what a node says."""
 
     def find(seen: Evidence) -> str:
-        text = str(getattr(seen, node))
-        return f"{node}: {text}" if any(word in text for word in words) else ""
+        parts = str(getattr(seen, node)).split("; ")
+        said = [part for part in parts if any(word in part for word in words)]
+        return f"{node}: {'; '.join(said)}" if said else ""
 
     return find
 
@@ -99,6 +100,7 @@ def _step(text: str) -> Callable[[Evidence], str]:
 
 
 _IDENTIFY = "soro excite, soro identify, then the same run with the file that they give"
+_OTHER_ARM = f"see that each chamber is where the file has it (soro hil first-pressure); then {_IDENTIFY}"
 
 CAUSES = (
     Cause(
@@ -110,6 +112,10 @@ CAUSES = (
         _step("a smaller load, curvature or pressure, or least_elongation of the link in the robot file"),
     ),
     Cause(
+        _says("controller", "of the force"),
+        _step(f"check valve, line and bellow of this chamber; where they are right, {_IDENTIFY}"),
+    ),
+    Cause(
         _says("estimator", NO_ESTIMATE),
         _step("see that its sensors publish, in the right frame"),
     ),
@@ -117,10 +123,6 @@ CAUSES = (
     Cause(
         _when(lambda seen: seen.late > _LATE_PART, "{seen.late:.0%} of the cycles of the loop came too late"),
         _step("a machine that is less busy, a lower rate_hz, or --set mode=lockstep (docs/real_time.md)"),
-    ),
-    Cause(
-        _says("estimator", "ms late"),
-        _step("stamp samples when they are taken, and state what is left in twin.pose.delay_s"),
     ),
     Cause(
         _when(
@@ -166,7 +168,7 @@ CAUSES = (
         _step("--set controller.adapt=true, or the load in the robot file (tip_mass)"),
     ),
     Cause(
-        _says("controller", "bound"),
+        _says("controller", "prior restored"),
         _step(f"the arm differs from its file by more than the law can learn: {_IDENTIFY}"),
     ),
     Cause(
@@ -178,10 +180,14 @@ CAUSES = (
         _step("look for an obstacle, a cable or a hose that it touches there"),
     ),
     Cause(
-        _says("estimator", "NIS"),
-        _step(f"what its text asks for; if the sensors are as the scene says, {_IDENTIFY}"),
+        _says("estimator", "ms late"),
+        _step(f"check when the source stamps them; where that is right, {_OTHER_ARM}"),
     ),
-    Cause(lambda seen: "the arm differs from its robot file", _step(_IDENTIFY)),
+    Cause(
+        _says("estimator", "NIS"),
+        _step(f"see that the sensors are as the scene says; {_OTHER_ARM}"),
+    ),
+    Cause(lambda seen: "the arm differs from its robot file", _step(_OTHER_ARM)),
 )
 
 

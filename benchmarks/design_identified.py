@@ -19,7 +19,7 @@ from soro_design.parts.geometry import RodGeometry
 from soro_design.parts.specimen import RodSpecimen, make_specimen
 from soro_design.parts.sweeps import Backbone, backbone, follow
 from soro_design.robot_of_part.snapshots import snapshots
-from soro_design.robot_of_part.stages import Identified, identify
+from soro_design.robot_of_part.stages import PartIdentification, identify
 from soro_design.robot_of_part.written import mean_and_most, write_robot
 from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
@@ -112,7 +112,7 @@ def _states(file: PartFile, specimen: RodSpecimen, say: Callable[[str], None]) -
     return states
 
 
-def under_control(robot: Identified, plant: Identified) -> float:
+def under_control(robot: PartIdentification, plant: PartIdentification) -> float:
     """Return the error of the tip on a circle, root mean square of the last 6 s over the length."""
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder) / f"{one.known.name}.yaml" for one in (robot, plant)]

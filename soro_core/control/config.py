@@ -67,7 +67,7 @@ class Gains(Strict):
         return self != Gains()
 
 
-class Pressures(Strict):
+class AllocationConfig(Strict):
     """Allocation of pressures; keys of limits and lag default to those of limiter and platform."""
 
     minimum_pa: float | None = Field(
@@ -113,7 +113,7 @@ class Pressures(Strict):
     lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 
     @model_validator(mode="after")
-    def _ordered(self) -> Pressures:
+    def _ordered(self) -> AllocationConfig:
         low, high = self.minimum_pa, self.maximum_pa
         if low is not None and high is not None and not low < high:
             raise ValueError("minimum_pa must be below maximum_pa")
@@ -213,7 +213,7 @@ class ControllerConfig(Strict):
         Gains(), description="feedback; auto: from the model of the arm and the delay of the platform"
     )
     adaptation: Adaptation = Field(Adaptation(), description="adaptation")
-    pressures: Pressures = Field(Pressures(), description="allocation and regulators")
+    pressures: AllocationConfig = Field(AllocationConfig(), description="allocation and regulators")
     reference: ReferenceConfig = Field(ReferenceConfig(), description="reference")
     motion: MotionConfig = Field(MotionConfig(), description="motions along paths of the tip")
     check_at_enable: Literal["refuse", "warn", "off"] = Field(

@@ -21,7 +21,7 @@ _SHOWN_S = 5.0
 
 
 @dataclass(frozen=True)
-class WatchState:
+class ControlMonitorState:
     """State of the monitor.
 
     Attributes
@@ -55,19 +55,19 @@ class WatchState:
 
 
 def update_monitor(
-    state: WatchState,
+    state: ControlMonitorState,
     away: float,
     missing_pa: Array,
     names: Sequence[str],
     event: str,
     start_s: float,
     dt: float,
-) -> WatchState:
+) -> ControlMonitorState:
     """Return the state after a tick.
 
     Parameters
     ----------
-    state : WatchState
+    state : ControlMonitorState
         After the last tick.
     away : float
         Distance of the tip from its reference, part of the arm's length.

@@ -13,7 +13,7 @@ from soro_core.arrays import Array
 from soro_core.control.bumpless import apply_transfer
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
-from soro_core.control.control_monitor import WatchState, update_monitor
+from soro_core.control.control_monitor import ControlMonitorState, update_monitor
 from soro_core.control.creep import advance_creep
 from soro_core.control.external_references import GivenReferences
 from soro_core.control.gains import gains_of
@@ -277,7 +277,7 @@ class Controller(GivenReferences):
 
     def _judged(
         self, state: ControllerState, q: Array, wanted: Array, missing: Array, event: str, dt: float
-    ) -> WatchState:
+    ) -> ControlMonitorState:
         """Return the watch after a tick; `wanted` is the pose (4, 4) of the tip at the reference."""
         tip = self.arm.pose(q, self.arm.length)
         away = math.dist(tip[:3, 3], wanted[:3, 3]) / self.arm.length

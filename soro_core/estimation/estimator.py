@@ -24,7 +24,7 @@ from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.estimation.sensors.tracker import Tracker
 from soro_core.estimation.state import EstimatorState
 from soro_core.estimation.status import Estimate, EstimatorStatus
-from soro_core.estimation.tick_state import Draft
+from soro_core.estimation.tick_state import TickState
 from soro_core.estimation.unmeasured_subspace import unmeasured_covariance
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
@@ -121,7 +121,7 @@ class Estimator:
             counts = state.counts._replace(failed=state.counts.failed + 1)
             state = state._replace(counts=counts)
             return state, self._estimate(state, f"time step of {dt} s refused")
-        draft = Draft(state, dt)
+        draft = TickState(state, dt)
         self._learn(draft, state, learned)
         if dt > self.config.max_gap_s:
             draft.belief, draft.history = self.filter.widen(state.belief), []
@@ -137,7 +137,7 @@ class Estimator:
         state = draft.result()
         return state, self._estimate(state)
 
-    def _learn(self, draft: Draft, state: EstimatorState, learned: Learned | None) -> None:
+    def _learn(self, draft: TickState, state: EstimatorState, learned: Learned | None) -> None:
         """Put the learned force that the next step uses into the draft."""
         late_s = self.config.lost_after_s
         # Whether what is fused has positions in it; without any sample nothing speaks against them.

@@ -25,7 +25,7 @@ from soro_core.estimation.kernel.parts import (
     IMU,
     IMU_ORIENTED,
     POSE,
-    Settings,
+    FilterSettings,
 )
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.estimation.mean_strain import uneven_of
@@ -246,7 +246,7 @@ def _values(sample: Sample) -> tuple[int, Array, Array, Array]:
     return kind, rate, force, quaternion
 
 
-def _box_of(arm: SoftArm, settings: Settings) -> Box:
+def _box_of(arm: SoftArm, settings: FilterSettings) -> Box:
     """Return arm and filter for the kernels; its mass at the tip is its own."""
     tables = arm.tables._replace(tip_mass=arm.tables.tip_mass.copy())
     n_wrench = len(flat_wrench(arm.robot, None))

@@ -45,7 +45,7 @@ class StrainProfile(NamedTuple):
     by_rate: Array
 
 
-class Uneven:
+class MeanStrain:
     """The non-uniform strain of one arm of uniform strains.
 
     Parameters
@@ -142,7 +142,7 @@ class Uneven:
         return np.diag(ratio)
 
 
-def uneven_of(arm: SoftArm, pieces: int = 1) -> Uneven | None:
+def uneven_of(arm: SoftArm, pieces: int = 1) -> MeanStrain | None:
     """Return the non-uniform strain of an arm, None where there is none to compute.
 
     Parameters
@@ -152,6 +152,6 @@ def uneven_of(arm: SoftArm, pieces: int = 1) -> Uneven | None:
         Number of pieces into which each link is discretised.
     """
     try:
-        return Uneven(arm, pieces)
+        return MeanStrain(arm, pieces)
     except (ConfigError, ModelError):
         return None

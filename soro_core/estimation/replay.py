@@ -15,7 +15,7 @@ from soro_core.estimation.kernel.update import FAILED, FUSED, OUTLIER
 from soro_core.estimation.sensors.monitor import Innovation
 from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.state import Segment, Sensor
-from soro_core.estimation.tick_state import Draft
+from soro_core.estimation.tick_state import TickState
 
 _STAMP = attrgetter("stamp_s")
 # Counts by what becomes of a new sample.
@@ -29,13 +29,13 @@ _COUNTED = {
 }
 
 
-def replay(filter_: Filter, draft: Draft, fresh: list[Sample]) -> None:
+def replay(filter_: Filter, draft: TickState, fresh: list[Sample]) -> None:
     """Compute the newest segments, and those before that the samples change.
 
     Parameters
     ----------
     filter_ : Filter
-    draft : Draft
+    draft : TickState
         At the new time, its newest segments not predicted yet.
     fresh : list of Sample
         Samples of this tick.
@@ -65,13 +65,13 @@ def _places(history: list[Segment], fresh: list[Sample]) -> tuple[int, dict[int,
     return first, new
 
 
-def _segment(filter_: Filter, draft: Draft, part: Segment, arrivals: Sequence[Sample]) -> Segment:
+def _segment(filter_: Filter, draft: TickState, part: Segment, arrivals: Sequence[Sample]) -> Segment:
     """Predict one segment with its samples and return it.
 
     Parameters
     ----------
     filter_ : Filter
-    draft : Draft
+    draft : TickState
         With the belief at the start of the segment.
     part : Segment
     arrivals : sequence of Sample
@@ -94,13 +94,13 @@ def _segment(filter_: Filter, draft: Draft, part: Segment, arrivals: Sequence[Sa
     return Segment(start_s, end_s, pressure_pa, begun, tuple(kept), known)
 
 
-def _take(filter_: Filter, draft: Draft, part: Segment, dt: float, sample: Sample, is_new: bool) -> bool:
+def _take(filter_: Filter, draft: TickState, part: Segment, dt: float, sample: Sample, is_new: bool) -> bool:
     """Predict to a sample and use it; gives whether a replay needs it again.
 
     Parameters
     ----------
     filter_ : Filter
-    draft : Draft
+    draft : TickState
         With the belief before.
     part : Segment
     dt : float

@@ -9,14 +9,14 @@ from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.kernel.advance import SAME_S
 from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.sensors.tracker import Tracker
-from soro_core.estimation.tick_state import Draft
+from soro_core.estimation.tick_state import TickState
 
 # Samples stamped in the future that wait; more come from a sensor whose clock is wrong.
 _MOST_WAITING = 16
 
 
 def admit(
-    draft: Draft,
+    draft: TickState,
     offered: Iterable[Sample],
     config: EstimatorConfig,
     length_m: float,
@@ -26,7 +26,7 @@ def admit(
 
     Parameters
     ----------
-    draft : Draft
+    draft : TickState
         At the new time.
     offered : iterable of Sample
     config : EstimatorConfig

@@ -18,7 +18,7 @@ from soro_core.frozen import replaced
 from soro_core.integrate import OK, State, Status
 from soro_core.robot import Robot
 from soro_core.twin.config import SensorConfig, TwinConfig
-from soro_core.twin.plant import Plant
+from soro_core.twin.plant import ArmPlant
 from soro_core.twin.sensors import (
     Sample,
     SectionMotion,
@@ -81,10 +81,13 @@ class Twin:
     """
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
-        self.plant = Plant(robot, config)
+        self.plant = ArmPlant(robot, config)
         """The arm at the begin."""
         later = config.payload_changes.payload_kg
-        self._plants = (self.plant, *(Plant(robot, with_changes(config, payload_kg=mass)) for mass in later))
+        self._plants = (
+            self.plant,
+            *(ArmPlant(robot, with_changes(config, payload_kg=mass)) for mass in later),
+        )
         self.config = config
         self.dt = 1.0 / config.rate_hz
         self._length = self.plant.arm.length
@@ -102,7 +105,7 @@ class Twin:
         """Undeformed length of the arm [m]."""
         return self._length
 
-    def _plant(self, state: TwinState) -> Plant:
+    def _plant(self, state: TwinState) -> ArmPlant:
         """The arm with the payload that it carries in a state."""
         if state.begun is None:
             return self.plant

@@ -36,7 +36,7 @@ MOST_RESTARTS, PARTS, GAIN = 10, (1.0, 0.5, 0.25, 0.1, 0.02), 1e-6
 
 
 @dataclass(frozen=True)
-class Settings:
+class SearchSettings:
     """How a search goes.
 
     Attributes
@@ -105,7 +105,7 @@ class Search:
         Parameters at the start, and their residuals.
     bounds : two arrays (n_parameters,)
         Lowest and highest parameters.
-    settings : Settings
+    settings : SearchSettings
     progress : callable
         Called with the least cost so far after each evaluation: of a step, and of each derivative.
     beside : callable, optional
@@ -118,7 +118,7 @@ class Search:
         start: Array,
         first: Array,
         bounds: tuple[Array, Array],
-        settings: Settings,
+        settings: SearchSettings,
         progress: Callable[[float], None] = lambda cost: None,
         beside: Callable[[Array], Array | None] | None = None,
     ) -> None:

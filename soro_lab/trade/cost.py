@@ -12,7 +12,7 @@ import numpy as np
 from soro_core.integrate import make_stepper, simulate
 from soro_core.model.discretised import discretised
 from soro_lab.trade.candidate import Candidate
-from soro_lab.trade.case import Case
+from soro_lab.trade.case import TradeCase
 
 # The minimum of several equal ticks is free of interruptions.
 _TICK_REPEATS = 3
@@ -47,12 +47,12 @@ class Cost:
     repeats: int
 
 
-def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
+def measure(case: TradeCase, candidate: Candidate, repeats: int = 3) -> Cost:
     """Measure the CPU times of a candidate in this process, which should be otherwise idle.
 
     Parameters
     ----------
-    case : Case
+    case : TradeCase
         Run.
     candidate : Candidate
         Discretisation, stepper and step.
@@ -103,14 +103,14 @@ def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
     )
 
 
-def warm(case: Case, candidate: Candidate) -> None:
+def warm(case: TradeCase, candidate: Candidate) -> None:
     """Compile the kernels of a candidate, or load them from the cache."""
     arm = discretised(case.robot, candidate.model)
     stepper = make_stepper(candidate.integrator, arm)
     stepper.step(stepper.initial_state(), np.zeros(arm.n_u), 1e-6)
 
 
-def _ticks(case: Case, candidate: Candidate, start: np.ndarray) -> tuple[float, float]:
+def _ticks(case: TradeCase, candidate: Candidate, start: np.ndarray) -> tuple[float, float]:
     """Return the longest and the median CPU time of a tick [us] in the first second."""
     arm = discretised(case.robot, candidate.model)
     stepper = make_stepper(candidate.integrator, arm)

@@ -8,10 +8,10 @@ from typing import Any
 
 from soro_lab.scene import Requirement
 from soro_lab.trade.candidate import Candidate
-from soro_lab.trade.case import Case
+from soro_lab.trade.case import TradeCase
 from soro_lab.trade.cost import Cost
 from soro_lab.trade.pareto import pareto
-from soro_lab.trade.reference import Reference
+from soro_lab.trade.reference import ReferenceRun
 from soro_lab.trade.slow_metrics import LoopError
 from soro_lab.trade.trace import Errors
 
@@ -57,9 +57,9 @@ class CandidateResult:
 class Study:
     """Results of a study."""
 
-    case: Case
+    case: TradeCase
     requirement: Requirement
-    reference: Reference
+    reference: ReferenceRun
     rows: tuple[CandidateResult, ...]
     combinations: int
     """All combinations of the grid."""

@@ -19,7 +19,7 @@ from soro_ros.process.node_process import run_node
 from soro_ros.ticks.estimator_ticks import EstimatorTicks
 from soro_ros.topics.diagnostics import OK, WARN
 from soro_ros.topics.frame_check import FrameCheck
-from soro_ros.topics.ports import Ports, Publishers, is_read, subscribe
+from soro_ros.topics.ports import NodeOutputs, Publishers, is_read, subscribe
 from soro_ros.topics.transforms import ArmTransforms
 
 
@@ -34,7 +34,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         loop = qos.loop(lockstep)
         outputs = {topic: (kind, loop) for topic, kind in EstimatorTicks.outputs.items()}
         publishers = Publishers(self, outputs)
-        ports = Ports(
+        ports = NodeOutputs(
             publishers.publish,
             warn=self._warn,
             report=self._report,

@@ -31,7 +31,7 @@ LOOK_S = 1.5
 _COMMAND, _DESIRED = "chambers/command", "arm/desired/tip"
 
 
-class Supervisor:
+class RunMonitor:
     """Receives /diagnostics, /clock and the first messages of the controller; a context manager.
 
     Parameters
@@ -70,7 +70,7 @@ class Supervisor:
         self._begun_s = time.monotonic()
         self._spun_s = self._listening_s = self._begun_s
 
-    def __enter__(self) -> Supervisor:
+    def __enter__(self) -> RunMonitor:
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -29,7 +29,7 @@ from soro_ros.conversion import learning, messages, qos, references
 from soro_ros.ticks.control_report import ControlReport
 from soro_ros.topics.motion_job import REPLACED
 from soro_ros.topics.motion_topic import MotionTopic
-from soro_ros.topics.ports import Input, Inputs, Ports
+from soro_ros.topics.ports import Input, Inputs, NodeOutputs
 from soro_ros.topics.tick_inputs import TickInputs, unusable
 
 # What is learned is told again after this time: the filter forgets it after five times as long.
@@ -50,7 +50,7 @@ class ControllerTicks:
     config : ControllerNodeConfig
     source : str
         Name by which the limiter distinguishes two controllers.
-    ports : Ports
+    ports : NodeOutputs
     motion : callable, optional
         Gives the section `motion` that counts from the next path on; that of `config` by default.
 
@@ -78,7 +78,7 @@ class ControllerTicks:
         self,
         config: ControllerNodeConfig,
         source: str,
-        ports: Ports,
+        ports: NodeOutputs,
         motion: Callable[[], MotionConfig] | None = None,
     ) -> None:
         robot = load_robot(config.robot)

@@ -21,7 +21,7 @@ from soro_core.control.motion_config import MotionConfig
 from soro_core.control.motions.motion import finished
 from soro_core.control.motions.motion_parts import PiecewiseMotion
 from soro_core.control.motions.path_coordinates import Planning
-from soro_core.control.reference.active_reference import STREAM_S, Following, at_rest, reference_ahead
+from soro_core.control.reference.active_reference import STREAM_S, ActiveReference, at_rest, reference_ahead
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError, SoroError
 from soro_core.frames import Frames
@@ -238,7 +238,7 @@ class MotionTopic:
                 return motion
             ahead_s *= 2.0  # the way was planned too late: the arm is elsewhere
 
-    def _reached(self) -> tuple[ControllerState, float, Following]:
+    def _reached(self) -> tuple[ControllerState, float, ActiveReference]:
         """State, time and reference of the last tick."""
         if self._now is None or self._now[0].following is None:
             raise ConfigError("path", "controller", "not in control", "a controller in control: soro enable")

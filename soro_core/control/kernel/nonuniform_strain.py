@@ -33,7 +33,7 @@ _STEP = 1e-6
 _MOST = 2.0
 
 
-class Bend(NamedTuple):
+class ArmPair(NamedTuple):
     """An arm with strains that are constant along its links, and with strains that vary."""
 
     even: Arm
@@ -45,9 +45,9 @@ class Bend(NamedTuple):
 
 
 @kernel
-def make_bend(even: Tables, varying: Tables, unit: Array, varying_unit: Array) -> Box:
+def make_arm_pair(even: Tables, varying: Tables, unit: Array, varying_unit: Array) -> Box:
     """Both arms in a box, each with a workspace."""
-    return Box(Bend(Arm(even, make_work(even)), Arm(varying, make_work(varying)), unit, varying_unit))
+    return Box(ArmPair(Arm(even, make_work(even)), Arm(varying, make_work(varying)), unit, varying_unit))
 
 
 @inner

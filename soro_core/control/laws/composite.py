@@ -15,12 +15,12 @@ from pydantic import Field
 
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.learned import Learned
-from soro_core.adaptation.learner import Learner, LearnerState, Sample
-from soro_core.adaptation.nonuniform_force import UnevenForce
+from soro_core.adaptation.learner import Learner, LearnerSample, LearnerState
+from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
-from soro_core.control.nonuniform_strain import Uneven, UnevenShape, bends_unevenly
+from soro_core.control.nonuniform_strain import NonuniformStrain, NonuniformStrainState, has_nonuniform_strain
 from soro_core.control.reference.trajectory import Point
 from soro_core.frozen import replaced
 
@@ -44,9 +44,9 @@ class CompositeState:
     learner : LearnerState
     creep : ndarray (n_internal,)
         Creep along the reference.
-    shape : UnevenShape or None
+    shape : NonuniformStrainState or None
         The non-uniform strain at the reference; None for an arm without one.
-    lacking : UnevenForce or None
+    lacking : NonuniformForce or None
         What constant strains lack near there; None before the first tick.
     learned : Learned or None
         What the filter is told: the same object until there is something new; None before the first tick.
@@ -56,8 +56,8 @@ class CompositeState:
 
     learner: LearnerState
     creep: Array
-    shape: UnevenShape | None = None
-    lacking: UnevenForce | None = None
+    shape: NonuniformStrainState | None = None
+    lacking: NonuniformForce | None = None
     learned: Learned | None = None
     sampled_s: float = 0.0
     bent_s: float = math.inf
@@ -78,8 +78,8 @@ class Composite(Law[CompositeState]):
         self.learner = Learner(setting.arm, options, setting.pieces)
         # What the inverse of the regulators' lag leaves of it [s].
         self.lag_s = max(setting.pressures.preview_s - setting.pressures.dead_time_s, 0.0)
-        bends = options.uneven and bends_unevenly(setting.arm)
-        self.uneven = Uneven(setting.arm, setting.pieces) if bends else None
+        bends = options.uneven and has_nonuniform_strain(setting.arm)
+        self.uneven = NonuniformStrain(setting.arm, setting.pieces) if bends else None
         names = setting.arm.robot.coordinate_names
         weights = [f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names))]
         self.names = ("tip_mass", *weights)
@@ -158,7 +158,7 @@ class Composite(Law[CompositeState]):
         """Return the learned model for the filter; W has the tangent of the non-uniform strain's force."""
         return state.learned or self._told(state.learner.learned, state.lacking)
 
-    def _told(self, learned: Learned, lacking: UnevenForce | None) -> Learned:
+    def _told(self, learned: Learned, lacking: NonuniformForce | None) -> Learned:
         return learned if lacking is None else lacking.added_to(learned, self.learner.force.scales)
 
     def counts(self, state: CompositeState) -> dict[str, int]:
@@ -182,7 +182,7 @@ class Composite(Law[CompositeState]):
             by_mass = self.setting.arm.tip_mass_force(wanted.q, wanted.qd, wanted.qdd)
             return self.learner.follow(learner, float(by_mass @ s), dt)
         n = belief.q.size
-        sample = Sample(
+        sample = LearnerSample(
             q=belief.q,
             qd=belief.qd,
             pressure_pa=belief.pressure_pa,

@@ -50,7 +50,7 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class Passage:
+class ReferenceTransition:
     """State of the reference in force.
 
     Attributes
@@ -78,7 +78,7 @@ class Passage:
     limited: bool
 
 
-def begin(bounds: Bounds, q: Array, target: Reference, t: float, within_s: float) -> Passage:
+def begin(bounds: Bounds, q: Array, target: Reference, t: float, within_s: float) -> ReferenceTransition:
     """Return the passage from rest to a target, a smooth step.
 
     Parameters
@@ -96,21 +96,23 @@ def begin(bounds: Bounds, q: Array, target: Reference, t: float, within_s: float
 
     Returns
     -------
-    Passage
+    ReferenceTransition
     """
     blend = Blend(Hold(bounds.fields.within(q, bounds.strain)), target, t, within_s)
     at = blend.sample(t)
-    return Passage(blend, t, at, np.zeros((3, at.q.size)), 0.0, False)
+    return ReferenceTransition(blend, t, at, np.zeros((3, at.q.size)), 0.0, False)
 
 
-def redirect(bounds: Bounds, passage: Passage, target: Reference, t: float, within_s: float) -> Passage:
+def redirect(
+    bounds: Bounds, passage: ReferenceTransition, target: Reference, t: float, within_s: float
+) -> ReferenceTransition:
     """Return the passage to another target, with position, velocity and acceleration of the last passage.
 
     Parameters
     ----------
     bounds : Bounds
         Limits of strain and rate.
-    passage : Passage
+    passage : ReferenceTransition
         The last passage.
     target : Reference
         End of the new passage.
@@ -121,14 +123,14 @@ def redirect(bounds: Bounds, passage: Passage, target: Reference, t: float, with
 
     Returns
     -------
-    Passage
+    ReferenceTransition
     """
     at = target.sample(t)
     gap = _lags(passage.at, bounds) + passage.gap - _lags(at, bounds)
-    return Passage(target, t, at, gap, within_s, True)
+    return ReferenceTransition(target, t, at, gap, within_s, True)
 
 
-def advance(bounds: Bounds, passage: Passage, t: float, dt: float) -> Passage:
+def advance(bounds: Bounds, passage: ReferenceTransition, t: float, dt: float) -> ReferenceTransition:
     """Return the passage at time `t`.
 
     If more time than `dt` has passed since the last tick, the reference has stood still in the rest of it,
@@ -138,14 +140,14 @@ def advance(bounds: Bounds, passage: Passage, t: float, dt: float) -> Passage:
     ----------
     bounds : Bounds
         Limits of strain and rate.
-    passage : Passage
+    passage : ReferenceTransition
         State at the last tick.
     t, dt : float
         Time, and length of this tick [s].
 
     Returns
     -------
-    Passage
+    ReferenceTransition
     """
     if abs(t - dt - passage.t_s) > _SAME_S:
         passage = redirect(bounds, passage, passage.target, t - dt, passage.left_s)
@@ -164,7 +166,7 @@ def advance(bounds: Bounds, passage: Passage, t: float, dt: float) -> Passage:
     return replaced(passage, t_s=t, at=at, gap=gap, left_s=left)
 
 
-def point(bounds: Bounds, passage: Passage) -> Point:
+def point(bounds: Bounds, passage: ReferenceTransition) -> Point:
     """Return the reference in force at the time of the passage."""
     if not passage.limited:  # the gap is zero
         return passage.at

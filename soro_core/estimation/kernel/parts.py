@@ -16,7 +16,7 @@ from soro_core.model.work import Work
 MOST_ROWS = 9
 # Kinds of samples.
 POSE, IMU, IMU_ORIENTED = 0, 1, 2
-# Rows of `Settings.process` and `Settings.learned_process`.
+# Rows of `FilterSettings.process` and `FilterSettings.learned_process`.
 OF_RATE, OF_DRIFT = 0, 1
 # What an update reports: normalised innovation squared of the sample, and of its position; the predicted
 # position at its place before and after it.
@@ -24,7 +24,7 @@ NIS, NIS_OF_POSITION, BEFORE, AFTER = 0, 1, 2, 5
 N_REPORTED = 8
 
 
-class Settings(NamedTuple):
+class FilterSettings(NamedTuple):
     """Noise, limits and units of one filter; n coordinates, n_d = n or 0 disturbances, m = 2 n + 2 n_d."""
 
     n_d: int
@@ -166,12 +166,12 @@ class FilterArm(NamedTuple):
     tables: Tables
     work: Work
     room: DerivativeWork
-    settings: Settings
+    settings: FilterSettings
     scratch: Scratch
 
 
 @inner
-def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
+def make_scratch(t: Tables, s: FilterSettings, n_wrench: int) -> Scratch:
     """Return the workspace for an arm."""
     n, n_z, n_u = t.basis.shape[0], t.internal_kind.shape[0], t.axial_gain.shape[1]
     m = 2 * n + 2 * s.n_d

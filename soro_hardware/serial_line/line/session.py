@@ -35,7 +35,7 @@ class SharedLine(Protocol):
         """Drop received bytes and the open request; return the bytes."""
 
 
-class Session:
+class StartupSession:
     """Start-up dialogue with one device.
 
     Parameters
@@ -88,7 +88,7 @@ class Session:
         Parameters
         ----------
         question, step : bytes, str
-            As in `Session.ask`.
+            As in `StartupSession.ask`.
         read : callable
             Decodes the lines; raises `ValueError` for an invalid answer.
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, load_robot
-from soro_core.adaptation import Learned, Learner, Sample
+from soro_core.adaptation import Learned, Learner, LearnerSample
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.scales import scales_of
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig, Point
 from soro_core.control.laws.protocol import ArmBelief, Preview
-from soro_core.control.nonuniform_strain import Uneven, bends_unevenly
+from soro_core.control.nonuniform_strain import NonuniformStrain, has_nonuniform_strain
 from soro_core.model.discretised import discretised
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Discretisation
@@ -30,7 +30,7 @@ def still(q):
 
 
 def found(q, mass_kg):
-    uneven = Uneven(ARM)
+    uneven = NonuniformStrain(ARM)
     state = uneven.initial_state()
     for _ in range(16):  # finds every slope anew
         state, force = uneven.step(state, still(q), mass_kg)
@@ -60,7 +60,10 @@ def test_a_finer_arm_rests_where_the_coordinates_put_its_tip():
 
 
 def test_its_pressures_accelerate_the_uneven_arm_as_wanted():
-    uneven, wanted = Uneven(ARM), Point(BENT, np.array([0.1, -10.0, 5.0]), np.array([1.0, 200.0, -100.0]))
+    uneven, wanted = (
+        NonuniformStrain(ARM),
+        Point(BENT, np.array([0.1, -10.0, 5.0]), np.array([1.0, 200.0, -100.0])),
+    )
     state = uneven.initial_state()
     for _ in range(16):
         state, lacking = uneven.step(state, wanted, 0.0)
@@ -84,7 +87,7 @@ def test_its_changes_by_mass_and_coordinates_are_differences():
 
 
 def test_one_step_a_tick_follows_a_line():
-    uneven = Uneven(ARM)
+    uneven = NonuniformStrain(ARM)
     state = uneven.initial_state()
     for k in range(200):
         q = np.array([0.06, -7.0 + 0.07 * k, 0.0])
@@ -94,7 +97,7 @@ def test_one_step_a_tick_follows_a_line():
 
 
 def test_a_mass_far_beyond_the_arm_leaves_a_bounded_shape():
-    uneven = Uneven(ARM)
+    uneven = NonuniformStrain(ARM)
     state = uneven.initial_state()
     for _ in range(60):
         state, force = uneven.step(state, still(BENT), 0.5)
@@ -112,7 +115,7 @@ def test_a_mass_far_beyond_the_arm_leaves_a_bounded_shape():
     ],
 )
 def test_it_is_of_arms_whose_chambers_and_link_ends_determine_constant_strains(robot, model, bends):
-    assert bends_unevenly(discretised(load_robot(find_config(robot, "robots")), model)) is bends
+    assert has_nonuniform_strain(discretised(load_robot(find_config(robot, "robots")), model)) is bends
 
 
 def test_a_strain_that_varies_bends_by_itself():
@@ -120,7 +123,7 @@ def test_a_strain_that_varies_bends_by_itself():
     link = {**fields(ROBOT.links[0]), "damping": None, "creep": []}
     arm = SoftArm(ROBOT.replace(links=[{**link, "strains": dict.fromkeys(ROBOT.links[0].strains, mode)}]))
     assert arm.n_q == 3
-    assert not bends_unevenly(arm)
+    assert not has_nonuniform_strain(arm)
 
 
 def circling(uneven, state, k):
@@ -133,7 +136,7 @@ def circling(uneven, state, k):
 
 def test_the_learner_finds_the_mass_of_an_uneven_arm():
     """Constant strains take the uneven bend for a heavier load and a W of the circle."""
-    uneven, learner = Uneven(ARM), Learner(ARM, LearnerConfig(noise=0.05, forget_s=1e3))
+    uneven, learner = NonuniformStrain(ARM), Learner(ARM, LearnerConfig(noise=0.05, forget_s=1e3))
     masses, none = [], np.zeros(ARM.n_internal)
     for told in (True, False):
         shape, state = uneven.initial_state(), learner.initial_state()
@@ -142,7 +145,7 @@ def test_the_learner_finds_the_mass_of_an_uneven_arm():
             if force is None:
                 continue
             pressure = np.linalg.solve(ARM.actuation_matrix(q), force)
-            at = Sample(q, np.zeros(3), pressure, none, np.zeros((3, 3)), known if told else None)
+            at = LearnerSample(q, np.zeros(3), pressure, none, np.zeros((3, 3)), known if told else None)
             state = learner.step(state, at, 0.1)
         masses.append(state.learned.mass_kg)
     print(f"masses: {1e3 * masses[0]:.2f} g told, {1e3 * masses[1]:.2f} g not told, {1e3 * LOAD_KG:g} g true")

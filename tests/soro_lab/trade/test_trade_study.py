@@ -12,7 +12,7 @@ from soro_core.integrate import make_stepper
 from soro_core.robot import Discretisation
 from soro_lab.identification import ForcedRun
 from soro_lab.scene import Requirement, Scene
-from soro_lab.trade import Candidate, Case, bare_case, cost, run_study
+from soro_lab.trade import Candidate, TradeCase, bare_case, cost, run_study
 from soro_lab.trade.cache import Cache
 from soro_lab.trade.grid import PRESETS, around, within
 from soro_lab.trade.reference import converge
@@ -173,7 +173,7 @@ def test_a_measured_run_is_compared_in_its_own_frame():
     t = np.arange(31) * 0.01
     pressure = 2e4 * np.sin(10 * t)[:, None] ** 2
     arm = SoftArm(seen.refine(2))
-    start = Case(seen, "", t, pressure, 0.3)
+    start = TradeCase(seen, "", t, pressure, 0.3)
     result = simulate(arm, start.initial(arm), t_end=0.3, dt=0.01, pressure=start.pressures(t))
     shown = np.cos(0.7), np.sin(0.7)
     curvature = np.outer(result.q.mean(axis=1), shown) + np.array([0.3, -0.2])

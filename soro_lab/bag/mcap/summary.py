@@ -78,7 +78,7 @@ def _opened(part: BagFile, index: bool) -> BagFile:
 
 
 class _Summary:
-    """The index of a file: a Part filled from it, and what its statistics say.
+    """The index of a file: a `BagFile` filled from it, and what its statistics say.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ class _Summary:
         return True
 
     def walk(self, walked: BagFile) -> None:
-        """Fill a Part from the records of the file, with the help of the index."""
+        """Fill a `BagFile` from the records of the file, with the help of the index."""
         part, counted, data_end = self.part, self._statistics, self._start - _DATA_END
         first, last = (counted.message_start_time, counted.message_end_time) if counted else (0, 1 << 64)
         outside_ns = range(0) if part.blocks else range(first, last + 1)
@@ -239,7 +239,7 @@ def _unpacked(path: Path) -> IO[bytes]:
     BagError
         If it is damaged, or needs more than half of the free space of the temporary folder.
     """
-    stream = tempfile.TemporaryFile()  # noqa: SIM115 - closed by its Part
+    stream = tempfile.TemporaryFile()  # noqa: SIM115 - closed by its BagFile
     folder = tempfile.gettempdir()
     limit = shutil.disk_usage(folder).free // 2
     unpacker = zstandard.ZstdDecompressor()

@@ -27,7 +27,7 @@ _MESSAGE_WORK, RECORD_WORK, _SEARCH_WORK, _TRY_WORK = 150, 3000, 10, 700
 
 
 class Walk:
-    """Fills a Part from the records of its file.
+    """Fills a `BagFile` from the records of its file.
 
     Whatever is damaged is left out, and noted: of a wrong kind or length that record, else the chunk. Behind
     a length without sense the walk goes on at the next place by the index, else where the next two records

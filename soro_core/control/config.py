@@ -133,7 +133,7 @@ class ReferenceConfig(Strict):
         3.0,
         gt=0,
         le=1e3,
-        description="duration of the smooth start, and of the passage to a new reference; a stream of "
+        description="duration of the smooth start, and of the transition to a new reference; a stream of "
         "references (one within 1 s of the last) is followed from message to message",
     )
     curvature_per_m: float = Field(10.0, ge=0, le=1e3, description="curvature of every link on the circle")
@@ -171,19 +171,19 @@ class ReferenceConfig(Strict):
         0.3,
         gt=0,
         le=100,
-        description="fastest elongation or shear of a reference by topic, and of the passage to it",
+        description="fastest elongation or shear of a reference by topic, and of the transition to it",
     )
     bend_rate_rad_s: float = Field(
         2.0,
         gt=0,
         le=1e3,
-        description="fastest bending or torsion of a link of a reference by topic, and of the passage to it",
+        description="fastest bending or torsion of a link of a reference by topic, and of the transition to it",
     )
     smoothing_s: float = Field(
         0.05,
         ge=0.005,
         le=10,
-        description="time constant of each of the two lags that smooth passages and streams; accelerations "
+        description="time constant of each of the two lags that smooth transitions and streams; accelerations "
         "are at most 2 / smoothing_s times the fastest rates",
     )
 

@@ -146,7 +146,7 @@ class Controller(GivenReferences):
         measured_pressure_pa : ndarray (n_u,)
             Measured pressures [Pa gauge], for the applied force.
         reference : Reference or None
-            From `trajectory` or `tip`; None for the configured one. A passage leads to a new one.
+            From `trajectory` or `tip`; None for the configured one. A transition leads to a new one.
         certainty : Certainty or None
             What the filter says of (q, qd); None where it has none, or has lost the arm: nothing is learned
             from the prediction error then.

@@ -134,7 +134,7 @@ class GivenReferences:
             meets an obstacle on the way.
         """
         # From the reference in force, so that neighbouring poses get neighbouring coordinates.
-        start = np.zeros(self.arm.n_q) if state.following is None else state.following.passage.at.q
+        start = np.zeros(self.arm.n_q) if state.following is None else state.following.transition.at.q
         found = tip_reference(
             self.arm, self.fields, self.config.reference, self.limit, start, position, quaternion
         )

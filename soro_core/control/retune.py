@@ -1,7 +1,7 @@
 """Keys of a controller that change while it controls: gains, adaptation, reference, narrower pressures.
 
 The state of the controller stays: nothing that is learned is lost, and `soro_core.control.bumpless` takes the
-step out of the desired force. References change by a passage, as those of a topic do.
+step out of the desired force. References change by a transition, as those of a topic do.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from soro_core.control.reference.trajectory import Hold, Reference
 from soro_core.control.reference_feasibility import check_reach
 from soro_core.errors import NEXT_CONFIGURE, ConfigError
 
-# Keys of the reference in force, without its limits: under a passage that is under way those do not change.
+# Keys of the reference in force, without its limits: under a transition that is under way those do not change.
 MOTION = (
     "kind",
     "curvature_per_m",

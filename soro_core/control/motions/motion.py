@@ -34,7 +34,7 @@ Result = TypeVar("Result")
 _ON_THE_WAY = 8
 # Coordinates that differ by less are equal, relative to the largest strain.
 _SAME = 1e-9
-# Shortest passage to the path [s].
+# Shortest transition to the path [s].
 _SHORTEST_S = 0.2
 
 

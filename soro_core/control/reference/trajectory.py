@@ -71,7 +71,7 @@ class Hold(Reference):
 
 @dataclass(frozen=True)
 class Blend(Reference):
-    """Smooth passage from one reference to another within `duration_s`."""
+    """Smooth transition from one reference to another within `duration_s`."""
 
     first: Reference
     second: Reference
@@ -84,7 +84,7 @@ class Blend(Reference):
         return max(self.start_s + self.duration_s, self.second.end_s)
 
     def sample(self, t: float) -> Point:
-        """Return the blend; after the passage, the second reference alone."""
+        """Return the blend; after the transition, the second reference alone."""
         x = (t - self.start_s) / self.duration_s
         if x >= 1.0:
             return self.second.sample(t)

@@ -10,7 +10,7 @@ from typing import Any
 from soro_hardware.latch import Latch
 from soro_hardware.port import EMPTY_PA, Fault
 from soro_hardware.serial_line.config import LineOptions
-from soro_hardware.serial_line.line.request import Outcome, Request, shown
+from soro_hardware.serial_line.line.request import Outcome, Request, format_bytes
 from soro_hardware.serial_line.line.session import StartupSession
 from soro_hardware.serial_line.line.setpoint import SlewedSetpoint
 
@@ -213,7 +213,7 @@ class Channel(ABC):
             return outcome
         self.missed = 0
         if self.strike(f"refused {request.kind}", outcome == "refused"):
-            self.latch("command_rejected", f"answers {shown(line)} to {shown(request.data)}")
+            self.latch("command_rejected", f"answers {format_bytes(line)} to {format_bytes(request.data)}")
         return outcome
 
     @abstractmethod

@@ -197,7 +197,7 @@ def identify(
         try:
             told, cases = partial(progress, name), problem(laws, fit)
             found = solve(cases, begin, most, _COMPARED, told, secant=not in_full)
-            own = squares(held, problem(laws, held).predicted(found.values), moved)
+            own = squares(held, problem(laws, held).prediction_errors(found.values), moved)
         except (ModelError, ConfigError):
             return None
         return Trial(laws, own, found.values, found.interrupted)
@@ -205,8 +205,8 @@ def identify(
     interrupted = interrupted or linear.interrupted
     choice = choose(options.laws, trial) if held and not interrupted else None
     laws, best = (choice.chosen.laws, choice.chosen.values) if choice else ((), linear.values)
-    fitted = errors(fit, problem(laws, fit).predicted(best), expected)
-    judged = errors(held, problem(laws, held).predicted(best), expected)
+    fitted = errors(fit, problem(laws, fit).prediction_errors(best), expected)
+    judged = errors(held, problem(laws, held).prediction_errors(best), expected)
     expected = residual_errors(problem(laws, whole), best)
     interrupted = interrupted or (choice is not None and any(t.interrupted for t in choice.tried))
     limits = replace(options, most=1) if interrupted else options
@@ -297,7 +297,7 @@ def _without(problem: Problem, name: str, values: Mapping[str, float]) -> Proble
     described = replace(problem, numbers=numbers)
     if not is_of_law(name):
         try:
-            described.predicted({n.name: values[n.name] for n in numbers})
+            described.prediction_errors({n.name: values[n.name] for n in numbers})
             return described
         except SoroError:
             pass

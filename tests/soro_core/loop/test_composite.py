@@ -149,7 +149,7 @@ def test_a_load_that_is_too_much_is_named_and_the_arm_comes_back(robot):
     )
     report("80 g", record)
     said = [text for t, text in zip(record.t, record.statuses, strict=True) if heavy + 0.5 < t < light]
-    assert any("too much load: link0/chamber" in text for text in said)
+    assert any("pressure saturated: link0/chamber" in text for text in said)
     assert not any("fallen" in text for text in record.statuses)
     assert record.settled_s(light) <= 1.5
     assert record.statuses[-1] == ""

@@ -50,8 +50,8 @@ def made(damaged: bool = True, **changes: Any) -> ArmIdentification:
     problem = Problem(robot, whole, (*free_parameters(robot, (), "eb")[0], *frames), expected)
     solution = evaluated(problem, {})
     seen, unseen = replace(problem, cases=fit), replace(problem, cases=held)
-    judged = errors(held, unseen.predicted(solution.values), expected)
-    own = squares(held, unseen.predicted(solution.values), moved)
+    judged = errors(held, unseen.prediction_errors(solution.values), expected)
+    own = squares(held, unseen.prediction_errors(solution.values), moved)
     chosen = Trial((), own, solution.values)
     other = Trial(LAWS[1:2], tuple(0.99 * each for each in own), solution.values)
     result = ArmIdentification(
@@ -60,7 +60,7 @@ def made(damaged: bool = True, **changes: Any) -> ArmIdentification:
         solution,
         certainty(problem, solution),
         LawChoice(chosen, (chosen, other)),
-        errors(fit, seen.predicted(solution.values), expected),
+        errors(fit, seen.prediction_errors(solution.values), expected),
         judged,
         share_of_range(judged, moved),
         {"link0/gain": ("+link0/gain +link0/k_e", "+link0/gain")},

@@ -80,7 +80,7 @@ def prediction_of(found: ArmIdentification) -> dict[str, float]:
 def traces(found: ArmIdentification) -> tuple[ShapeTrace, ...]:
     """Return what is measured and predicted of each shape of each run."""
     problem = found.problem
-    differences = problem.predicted(prediction_of(found))
+    differences = problem.prediction_errors(prediction_of(found))
     weights = _weights(found)
     result = []
     for case, own, sure in zip(problem.cases, differences, weights, strict=True):

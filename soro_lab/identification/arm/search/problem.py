@@ -143,7 +143,7 @@ class Problem:
             for case, own in zip(self.cases, does, strict=True)
         ]
 
-    def predicted(self, values: Mapping[str, float]) -> list[list[Array]]:
+    def prediction_errors(self, values: Mapping[str, float]) -> list[list[Array]]:
         """Return measured minus predicted of each shape of each case, for given numbers."""
         return self.differences(self.predict(values), values)
 

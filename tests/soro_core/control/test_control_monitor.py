@@ -21,14 +21,13 @@ def after(state, seconds, away=0.0, missing=NONE, event=""):
     return state
 
 
-def test_chambers_that_lack_pressure_are_named_after_half_a_second():
+def test_saturated_chambers_are_named_after_half_a_second():
     missing = np.array([12e3, 0.0, -3e3])
     state = after(ControlMonitorState(), 0.49, missing=missing)
     assert state.note == ""
     state = after(state, 0.02, missing=missing)
-    assert "a lacks 12 kPa" in state.note
-    assert "c" in state.note
-    assert "3 kPa" in state.note
+    assert "pressure saturated: a needs 12 kPa more than its limit" in state.note
+    assert "c needs 3 kPa below its limit" in state.note
     assert "b " not in state.note
     assert after(state, 0.01, missing=missing + 100.0).note == state.note  # not another text each tick
     assert after(state, DT).note == ""

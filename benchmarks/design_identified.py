@@ -66,7 +66,7 @@ def identified(options: Options) -> tuple[str, str]:
 
 
 def _row(name: str, options: Options) -> list[str]:
-    start, begun = time.perf_counter(), time.process_time()
+    start, started = time.perf_counter(), time.process_time()
     file = _coarse(load_part(name)) if options.quick else load_part(name)
     specimen = make_specimen(file)
     assert isinstance(specimen, RodSpecimen)
@@ -74,7 +74,7 @@ def _row(name: str, options: Options) -> list[str]:
     data = snapshots(specimen.z, states, name)
     found = identify(file, specimen, data, name)
     minutes = (time.perf_counter() - start) / 60.0
-    busy = (time.process_time() - begun) / 60.0
+    busy = (time.process_time() - started) / 60.0
     options.say(f"{name}, control")
     varying = identify(file, specimen, data, f"{name}_modes", 1, with_mesh_check=False)
     tip = under_control(found, varying)

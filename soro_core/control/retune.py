@@ -101,7 +101,7 @@ def retune(
         new.check_way(state.law, start)
         if reach > 0.0:
             check_reach(new, reach)
-    after = replace(state, transfer=state.transfer.begun())
+    after = replace(state, transfer=state.transfer.start())
     return Retuned(new, after, moves, _from_now(new, state, t) if moves else None)
 
 
@@ -143,7 +143,7 @@ def _from_now(controller: Controller, state: ControllerState, t: float) -> Refer
     """
     if state.following is None or state.point is None:
         return None
-    return Hold(state.point.q) if controller.configured is None else controller.configured.begun(t)
+    return Hold(state.point.q) if controller.configured is None else controller.configured.started_at(t)
 
 
 def _check_keys(controller: Controller, config: ControllerConfig, pressures: CompletePressures) -> None:

@@ -121,34 +121,34 @@ class Estimator:
             counts = state.counts._replace(failed=state.counts.failed + 1)
             state = state._replace(counts=counts)
             return state, self._estimate(state, f"time step of {dt} s refused")
-        draft = TickState(state, dt)
-        self._learn(draft, state, learned)
+        tick = TickState(state, dt)
+        self._learn(tick, state, learned)
         if dt > self.config.max_gap_s:
-            draft.belief, draft.history = self.filter.widen(state.belief), []
-            draft.count("restarted")
+            tick.belief, tick.history = self.filter.widen(state.belief), []
+            tick.count("restarted")
         else:
-            draft.read(chamber_pressure_pa)
-            mean = 0.5 * (state.pressure_pa + draft.pressure_pa)
+            tick.read(chamber_pressure_pa)
+            mean = 0.5 * (state.pressure_pa + tick.pressure_pa)
             parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
-            draft.extend(mean, parts, self._kept)
-        fresh = admit(draft, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
-        replay(self.filter, draft, fresh)
-        draft.monitors = watched(draft.monitors, draft.innovations, self.config.watch)
-        state = draft.result()
+            tick.extend(mean, parts, self._kept)
+        fresh = admit(tick, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
+        replay(self.filter, tick, fresh)
+        tick.monitors = watched(tick.monitors, tick.innovations, self.config.watch)
+        state = tick.result()
         return state, self._estimate(state)
 
-    def _learn(self, draft: TickState, state: EstimatorState, learned: Learned | None) -> None:
-        """Put the learned force that the next step uses into the draft."""
+    def _learn(self, tick: TickState, state: EstimatorState, learned: Learned | None) -> None:
+        """Put the learned force that the next step uses into the state of the tick."""
         late_s = self.config.lost_after_s
         # Whether what is fused has positions in it; without any sample nothing speaks against them.
         placed = not (state.t_s - state.position_s > late_s >= state.t_s - state.last_s)
         if learned is not None and not learned.usable(self.arm.n_q):
             learned = None
-            draft.count("learned")
+            tick.count("learned")
         if learned is not None:
             learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
-        draft.known = update_learned_input(
-            draft.known, learned, draft.dt, placed, self.filter.uneven is not None
+        tick.known = update_learned_input(
+            tick.known, learned, tick.dt, placed, self.filter.uneven is not None
         )
 
     def _unseen(self, state: EstimatorState) -> Array:

@@ -121,13 +121,13 @@ class MeanStrain:
 
     def _means(self, s: float) -> Array:
         """Return the matrix (n_q, 2 n_q) of mean strains up to a place; of later links, of the whole link."""
-        rows, first, begun = np.zeros((self.arm.n_q, 2 * self.arm.n_q)), 0, 0.0
+        rows, first, base = np.zeros((self.arm.n_q, 2 * self.arm.n_q)), 0, 0.0
         for link in self.fine.robot.links:
-            part = s - begun if begun < s < begun + link.length else link.length
+            part = s - base if base < s < base + link.length else link.length
             means = shape_values(link, _GAUSS[0] * part) @ _GAUSS[1]
             for i in range(link.n_q // 2):
                 rows[first + i, 2 * (first + i) : 2 * (first + i) + 2] = means[2 * i : 2 * i + 2]
-            first, begun = first + link.n_q // 2, begun + link.length
+            first, base = first + link.n_q // 2, base + link.length
         return rows
 
     def _turned(self, q: Array, until: Array) -> Array:

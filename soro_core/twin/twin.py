@@ -37,7 +37,7 @@ SHORTEST_S = 1e-9
 class TwinState:
     """State of arm, air and sensors, these by place; `tick` counts from 0.
 
-    `begun` is the tick from which the times of the payload's changes count; None: they wait.
+    `start_tick` is the tick from which the times of the payload's changes count; None: they wait.
     """
 
     tick: int
@@ -46,7 +46,7 @@ class TwinState:
     poses: tuple[SensorState[PoseSample], ...]
     imus: tuple[SensorState[ImuSample], ...]
     status: Status
-    begun: int | None = 0
+    start_tick: int | None = 0
 
 
 @dataclass(frozen=True)
@@ -107,9 +107,9 @@ class Twin:
 
     def _plant(self, state: TwinState) -> ArmPlant:
         """The arm with the payload that it carries in a state."""
-        if state.begun is None:
+        if state.start_tick is None:
             return self.plant
-        return self._plants[self.config.payload_changes.passed((state.tick - state.begun) * self.dt)]
+        return self._plants[self.config.payload_changes.passed((state.tick - state.start_tick) * self.dt)]
 
     def initial(self, pressure_pa: Array | None = None) -> TwinState:
         """Return the state at tick 0: at rest under constant pressures (n_u,) [Pa], none by default."""

@@ -170,11 +170,11 @@ def _speed(expected: Expectation, holds: Sequence[PressureHold]) -> Finding:
     before, slowest = 0.0, (0.0, 0.0, 0.0, 0.0)
     for hold in holds:
         usual = expected.rise_s(hold.setpoint_pa - before)
-        begun, before = before, hold.setpoint_pa
+        from_pa, before = before, hold.setpoint_pa
         took = math.inf if math.isnan(hold.t63_s) else hold.t63_s
-        slowest = max(slowest, (took / usual, took, usual, begun))
-    ratio, took, usual, begun = slowest
-    found = f"63 % of the step from {begun / 1e3:g} kPa after {took * 1e3:.0f} ms"
+        slowest = max(slowest, (took / usual, took, usual, from_pa))
+    ratio, took, usual, from_pa = slowest
+    found = f"63 % of the step from {from_pa / 1e3:g} kPa after {took * 1e3:.0f} ms"
     found += f", expected {usual * 1e3:.0f} ms"
     last = holds[-1]
     rising = _drifts(last) and last.drift_pa_s > 0 and last.level_pa[last.chamber] < last.setpoint_pa

@@ -90,7 +90,7 @@ def fit(
     loss : str
         Loss of scipy.optimize.least_squares; soft_l1 limits the effect of outliers.
     max_iterations : int
-        Largest number of iterations of a search. One that hopeless candidates have stopped is begun anew
+        Largest number of iterations of a search. One that hopeless candidates have stopped is started anew
         beside them (`soro_lab.identification.search`).
     relative_step : float
         Step of the numerical derivatives, in units of the parameters or, if more, of their values; it must

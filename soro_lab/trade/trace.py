@@ -116,7 +116,7 @@ def too_slow(case: TradeCase, arm: SoftArm, integrator: str, dt_s: float) -> str
     """
     times = time_grid(case, dt_s)
     times = times[: max(2, min(times.size, 1 + round(PILOT_S / dt_s)))]
-    begun = time.process_time()
+    start_s = time.process_time()
     with contextlib.suppress(ModelError):  # the whole run reports the error
         simulate(
             arm,
@@ -126,7 +126,7 @@ def too_slow(case: TradeCase, arm: SoftArm, integrator: str, dt_s: float) -> str
             integrator=integrator,
             pressure=case.pressures(times),
         )
-    spent = (time.process_time() - begun) / times[-1]
+    spent = (time.process_time() - start_s) / times[-1]
     return f"too slow: takes more than {SLOWEST:g} s a simulated second" if spent > SLOWEST else ""
 
 

@@ -135,8 +135,8 @@ class Run:
         self._plant, self._faults = links / "plant.sock", links / "faults.sock"
         # The node that drives the valves; it vents when it ends.
         self._driver = "regulator" if scene.platform else "twin"
-        self.begun = False
-        """Whether control has begun."""
+        self.has_started = False
+        """Whether control has started."""
         self._reported_compiling = False
         self._status: dict[str, int] = {}
         self._claims = Claims()
@@ -210,7 +210,7 @@ class Run:
 
     def begin(self, supervisor: RunMonitor) -> None:
         """Inject the scene's faults, enable the controller, and start the clock and what the twin plans."""
-        self.begun = True
+        self.has_started = True
         if self._pulse is not None:
             self._pulse.begin(self.scene.duration_s + _BEGIN_S)
         if self.scene.faults:
@@ -272,7 +272,7 @@ class Run:
 
     def _spares(self, name: str) -> bool:
         """Whether the run goes on without a node now."""
-        return self.begun and name in self._loop.observers
+        return self.has_started and name in self._loop.observers
 
     def _warn(self, name: str, line: str, has_failed: bool = False) -> None:
         """Report once what became of an observer; `has_failed` if it does not do its work any more."""
@@ -285,7 +285,7 @@ class Run:
     def end(self) -> dict[str, str]:
         """End every process in order; return a line for each that did not end cleanly, by name.
 
-        An observer of a run that had begun is no such process: `warnings` have its line.
+        An observer of a run that had started is no such process: `warnings` have its line.
         """
         unclean = {}
         for name in sorted(END_ORDER, key=lambda name: name != self._driver):
@@ -306,11 +306,11 @@ class Run:
     @property
     def refused(self) -> bool:
         """Whether a node refused its configuration before the begin; after `end`."""
-        return not self.begun and 2 in self._status.values()
+        return not self.has_started and 2 in self._status.values()
 
     def outcome(self) -> str:
         """State of valves and bag, in one line; after `end`."""
-        if not self.begun:
+        if not self.has_started:
             air = "ended before control began"
         elif self._status.get(self._driver) == 0:
             air = "vented"

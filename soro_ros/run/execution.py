@@ -236,7 +236,7 @@ def execute(
                 pass
             except SoroError as failure:
                 errors.append(str(failure))
-                is_refused = isinstance(failure, ConfigError) and not run.begun
+                is_refused = isinstance(failure, ConfigError) and not run.has_started
                 failed = failure.name if isinstance(failure, NodeError) else ""
                 console.print(f"[red]soro: {escape(str(failure))}[/red]", soft_wrap=True)
             if interrupted:

@@ -67,8 +67,8 @@ class RunMonitor:
         self._own: dict[str, str] = {}  # process ids of the nodes of the run, by name
         self._pids: dict[str, set[str]] = {}  # processes that publish under the name of a node
         self._status_s: dict[str, float] = {}  # wall time of the latest status
-        self._begun_s = time.monotonic()
-        self._spun_s = self._listening_s = self._begun_s
+        self._start_s = time.monotonic()
+        self._spun_s = self._listening_s = self._start_s
 
     def __enter__(self) -> RunMonitor:
         return self
@@ -145,7 +145,7 @@ class RunMonitor:
 
     def look(self) -> None:
         """Receive messages until other programs of the domain have been heard."""
-        self.spin(max(0.0, self._begun_s + LOOK_S - time.monotonic()))
+        self.spin(max(0.0, self._start_s + LOOK_S - time.monotonic()))
 
     def listen_to(self, name: str, pid: int) -> None:
         """Take the status of one of the run's nodes from this process alone."""

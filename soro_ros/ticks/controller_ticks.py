@@ -237,7 +237,7 @@ class ControllerTicks:
             if stamp_ns > self._zero_ns or self._ports.now_ns() < self._zero_ns:
                 self._publish(np.zeros(len(self._names)), stamp_ns)
             return
-        begun_s = time.monotonic()
+        start_s = time.monotonic()
         trouble = self._unusable(message, stamp_ns)
         if not trouble:
             if self._epoch_ns is None:
@@ -263,7 +263,7 @@ class ControllerTicks:
         self._publish(command.setpoint_pa, stamp_ns)
         self._report.publish(command, stamp_ns)
         tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
-        self.motions.tick(self.state, t, tip, begun_s)
+        self.motions.tick(self.state, t, tip, start_s)
 
     def stay_at_zero(self) -> None:
         """Command zero once a period while no message is handled: without commands the driver would trip.

@@ -102,8 +102,8 @@ def test_schedule():
         "at: 2, fault: leak, chamber: link0/chamber1, duration_s: 1",
         "at: 1, fault: burst, chamber: link0/chamber1",
     )
-    begun, ended = [], []
-    it.on_start = {"leak": lambda f: begun.append(f.fault), "burst": lambda f: begun.append(f.fault)}
+    started, ended = [], []
+    it.on_start = {"leak": lambda f: started.append(f.fault), "burst": lambda f: started.append(f.fault)}
     it.on_end = {"leak": lambda f: ended.append(f.fault)}
     assert it.of(1) == {}
     it.advance(S - 1)
@@ -115,7 +115,7 @@ def test_schedule():
     assert it.of(0) == {}
     it.advance(3 * S)
     assert it.of(1) == {"burst": 500.0}
-    assert (begun, ended) == (["burst", "leak"], ["leak"])
+    assert (started, ended) == (["burst", "leak"], ["leak"])
 
 
 def test_injected_later_counts_from_then():

@@ -79,7 +79,10 @@ class SetpointMaker:
         # Without a band a chamber takes pressures below zero too.
         self.minimum_pa = np.where(band > 0.0, np.maximum(low, band), low)
         self.maximum_pa = np.full(robot.n_u, high)
-        self._least, self._most = self.effective.from_setpoint(self.minimum_pa), self.effective.from_setpoint(self.maximum_pa)
+        self._least, self._most = (
+            self.effective.from_setpoint(self.minimum_pa),
+            self.effective.from_setpoint(self.maximum_pa),
+        )
         self.preferred_pa = np.clip(pressures.preferred_pa, self.minimum_pa, self.maximum_pa)
         self._preferred = self.effective.from_setpoint(self.preferred_pa)
         self._edge = edge = 1e-9 * (self.maximum_pa - self.minimum_pa)  # round-off

@@ -89,7 +89,7 @@ def follow(
     """
     if state is None:
         rest = bounds.fields.within(q, bounds.strain)
-        own = Hold(rest) if configured is None else configured.begun(t)
+        own = Hold(rest) if configured is None else configured.started_at(t)
         wanted = own if reference is None else reference
         changed_s = -math.inf if reference is None else t
         return ActiveReference(own, reference, wanted, changed_s, begin(bounds, rest, wanted, t, start_s))
@@ -118,7 +118,9 @@ def reference_ahead(bounds: Bounds, state: ActiveReference, time_s: float) -> Po
     Point
     """
     transition = state.transition
-    return point(bounds, advance(bounds, transition, transition.t_s + time_s, time_s) if time_s > 0.0 else transition)
+    return point(
+        bounds, advance(bounds, transition, transition.t_s + time_s, time_s) if time_s > 0.0 else transition
+    )
 
 
 def at_rest(bounds: Bounds, state: ActiveReference) -> bool:

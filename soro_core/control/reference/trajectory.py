@@ -43,7 +43,7 @@ class Reference(ABC):
         """Whether `other`, given at time `t` [s] while this reference is in force, is the same motion."""
         return other is self
 
-    def begun(self, t: float) -> Reference:
+    def started_at(self, t: float) -> Reference:
         """Return the same motion with its begin at time `t` [s]; a set point has none."""
         return self
 
@@ -120,7 +120,7 @@ class Circle(Reference):
         side = self.curvature_per_m * (math.cos(phase) * self.along - math.sin(phase) * self.across)
         return Point(self.centre + out, w * side, -w * w * out)
 
-    def begun(self, t: float) -> Reference:
+    def started_at(self, t: float) -> Reference:
         """Return the circle with its phase 0 at time `t` [s]."""
         return replace(self, start_s=t)
 

@@ -138,9 +138,9 @@ class Scratch(NamedTuple):
     solved: Array
     mean: Array
     """(m,)."""
-    begun: Array
+    start: Array
     """State at the start of a part of a step, (m,) and (n_internal,)."""
-    begun_internal: Array
+    start_internal: Array
     reported: Array
     """See `N_REPORTED`."""
     prior: Array
@@ -214,8 +214,8 @@ def make_scratch(t: Tables, s: FilterSettings, n_wrench: int) -> Scratch:
         np.zeros((MOST_ROWS, MOST_ROWS)),  # shared
         np.zeros(MOST_ROWS),  # solved
         np.zeros(m),  # mean
-        np.zeros(m),  # begun
-        np.zeros(n_z),  # begun_internal
+        np.zeros(m),  # start
+        np.zeros(n_z),  # start_internal
         np.zeros(N_REPORTED),  # reported
         np.zeros(m),  # prior
         np.zeros(n_z),  # prior_internal

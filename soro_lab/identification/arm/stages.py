@@ -175,8 +175,8 @@ def identify(
     def problem(laws: Sequence[LawTerm], cases: Sequence[Case]) -> Problem:
         numbers, begin = free_parameters(robot, laws, kinds, keep)
         runs = [case.name for case in cases if isinstance(case, Whole)]
-        begun = modelled(with_numbers(robot, begin), is_constant)
-        starts = start_numbers(begun, [r for r in runs if r in releases])
+        model = modelled(with_numbers(robot, begin), is_constant)
+        starts = start_numbers(model, [r for r in runs if r in releases])
         own = (*clocks, *starts) if runs else ()
         return Problem(robot, tuple(cases), (*numbers, *frames, *own), expected, {}, is_constant)
 

@@ -177,14 +177,14 @@ class ReferenceConfig(Strict):
         2.0,
         gt=0,
         le=1e3,
-        description="fastest bending or torsion of a link of a reference by topic, and of the transition to it",
+        description="fastest bending or torsion of a link of a reference by topic, and in the transition",
     )
     smoothing_s: float = Field(
         0.05,
         ge=0.005,
         le=10,
-        description="time constant of each of the two lags that smooth transitions and streams; accelerations "
-        "are at most 2 / smoothing_s times the fastest rates",
+        description="time constant of each of the two lags that smooth transitions and streams; "
+        "accelerations are at most 2 / smoothing_s times the fastest rates",
     )
 
     @model_validator(mode="after")

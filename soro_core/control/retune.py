@@ -27,7 +27,7 @@ from soro_core.control.reference.trajectory import Hold, Reference
 from soro_core.control.reference_feasibility import check_reach
 from soro_core.errors import NEXT_CONFIGURE, ConfigError
 
-# Keys of the reference in force, without its limits: under a transition that is under way those do not change.
+# Keys of the reference in force, without its limits: they do not change during a transition.
 MOTION = (
     "kind",
     "curvature_per_m",

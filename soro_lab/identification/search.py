@@ -30,8 +30,8 @@ LOSSES: dict[str, tuple[Callable[[Array], Array], ...]] = {
     "cauchy": (np.log1p, lambda z: 1.0 / (1.0 + z), lambda z: -((1.0 + z) ** -2.0)),
 }
 """Loss of scipy.optimize.least_squares: twice the cost of a squared residual, and its two derivatives."""
-# Searches that are started anew beside the edge of hopeless candidates, parts of the step that leads there, and
-# the least part of the cost by which it must help.
+# Searches that are started anew beside the edge of hopeless candidates, parts of the step that leads there,
+# and the least part of the cost by which it must help.
 MOST_RESTARTS, PARTS, GAIN = 10, (1.0, 0.5, 0.25, 0.1, 0.02), 1e-6
 
 

@@ -204,11 +204,8 @@ class TwinNode(SoroNode[TwinConfig]):
         return end > 0 and self._state.tick >= round(end * self._config.rate_hz)
 
     def _advance_real_time(self) -> None:
-        due = (
-            int((time.perf_counter() - self._start_s) * self._config.rate_hz)
-            - self._state.tick
-            - self._skipped
-        )
+        passed = int((time.perf_counter() - self._start_s) * self._config.rate_hz)
+        due = passed - self._state.tick - self._skipped
         if due > CATCH_UP_TICKS:
             self._skipped += due - CATCH_UP_TICKS
             due = CATCH_UP_TICKS

@@ -27,7 +27,7 @@ class EffectivePressure:
     swell_per_pa: Array
 
     def from_setpoint(self, pressure_pa: Array) -> Array:
-        """Return effective pressures (n_u,) [Pa] of set points (n_u,) [Pa gauge] in the range of the robot."""
+        """Return effective pressures (n_u,) [Pa] of set points (n_u,) [Pa gauge] in the robot's range."""
         beyond = pressure_pa - self.dead_band_pa
         return np.asarray(beyond / (1.0 - self.swell_per_pa * np.abs(beyond)))
 

@@ -106,7 +106,7 @@ def begin(bounds: Bounds, q: Array, target: Reference, t: float, within_s: float
 def redirect(
     bounds: Bounds, transition: ReferenceTransition, target: Reference, t: float, within_s: float
 ) -> ReferenceTransition:
-    """Return the transition to another target, with position, velocity and acceleration of the last transition.
+    """Return the transition to another target, with position, velocity and acceleration of the last one.
 
     Parameters
     ----------

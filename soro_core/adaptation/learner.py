@@ -55,7 +55,7 @@ class LearnerSample:
     covariance : ndarray (n_q, n_q)
         Covariance of q.
     uneven : NonuniformForce or None
-        What the model lacks near to q; the rest is learned.
+        Unmodelled force near to q; the rest is learned.
     """
 
     q: Array
@@ -161,7 +161,7 @@ class Learner:
         else:
             residual, regressor = state.residual.copy(), state.regressor.copy()
         covariance = np.array(sample.covariance, order="C")
-        scales, lacks = self.force.scales, sample.uneven or self._nothing
+        scales, unmodelled = self.force.scales, sample.uneven or self._nothing
         code = show(
             self._box,
             np.array(sample.q),
@@ -172,11 +172,11 @@ class Learner:
             covariance,
             scales.force,
             scales.q,
-            lacks.mass_kg,
-            lacks.q,
-            lacks.force,
-            lacks.by_mass,
-            lacks.by_q,
+            unmodelled.mass_kg,
+            unmodelled.q,
+            unmodelled.force,
+            unmodelled.by_mass,
+            unmodelled.by_q,
             part,
             residual,
             regressor,

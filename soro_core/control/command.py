@@ -153,7 +153,7 @@ def held_command(
     state: ControllerState,
     named: Callable[[], dict[str, float]],
     learned: Learned | None,
-    trouble: str,
+    failure: str,
 ) -> Command:
     """Return the command that holds the last set points.
 
@@ -167,7 +167,7 @@ def held_command(
         Gives the estimates by name.
     learned : Learned or None
         The learned model.
-    trouble : str
+    failure : str
         Why the law gives no command.
 
     Returns
@@ -186,5 +186,5 @@ def held_command(
         tip_reference=arm.pose(point.q, arm.robot.length),
         saturated=np.zeros(arm.n_u, dtype=bool),
         terms=None,
-        status=ControllerStatus(False, trouble),
+        status=ControllerStatus(False, failure),
     )

@@ -163,15 +163,15 @@ class Controller(GivenReferences):
         Bad input, and coordinates for which the model has no value, raise nothing: the last set point is held
         and the status says why.
         """
-        trouble = input_error(q, qd, t, dt, self.arm.n_q)
-        if trouble:
+        failure = input_error(q, qd, t, dt, self.arm.n_q)
+        if failure:
             state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
         else:
             try:
                 return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference, certainty)
             except (SoroError, np.linalg.LinAlgError) as error:
-                trouble = f"no command: {error}"
-        return self._held(state, trouble)
+                failure = f"no command: {error}"
+        return self._held(state, failure)
 
     def _tick(
         self,
@@ -293,10 +293,10 @@ class Controller(GivenReferences):
         command = self._held(state, "")[1]
         return state, replace(command, status=ControllerStatus(True, "", state.watch.note))
 
-    def _held(self, state: ControllerState, trouble: str) -> tuple[ControllerState, Command]:
+    def _held(self, state: ControllerState, failure: str) -> tuple[ControllerState, Command]:
         """Hold the last set points and say why."""
         named, learned = partial(self.law.estimates, state.law), self.law.learned(state.law)
-        return state, held_command(self.arm, state, named, learned, trouble)
+        return state, held_command(self.arm, state, named, learned, failure)
 
     def planner(self, state: ControllerState, dt: float) -> Planner:
         """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""

@@ -6,7 +6,7 @@ coordinates x with the accelerations dx/dq qdd, the arm keeps
     f(x) + m Y(x) = H(x) p,   the ends of the links where q has them
 
 in x and p, and these pressures make the force H_1(q) p in the coordinates q, not G + f_e + m Y_m. The
-difference is what a law with constant strains lacks, docs/control.md. One step of Newton a tick follows it.
+difference is the unmodelled force of a law with constant strains, docs/control.md. One step of Newton a tick follows it.
 """
 
 from __future__ import annotations
@@ -123,22 +123,22 @@ class NonuniformStrain:
         q, qd, qdd = np.array([point.q, point.qd, point.qdd], dtype=np.float64)
         bent = state.deviation.copy(), state.force.copy(), state.moves.copy()
         slopes = state.slope.copy(), state.even_slope.copy()
-        lacking = np.empty(q.size), np.empty(q.size), np.empty((q.size, q.size))
-        code = kernel.step(self._box, q, qd, qdd, mass_kg, state.column, *bent, *slopes, *lacking)
+        unmodelled = np.empty(q.size), np.empty(q.size), np.empty((q.size, q.size))
+        code = kernel.step(self._box, q, qd, qdd, mass_kg, state.column, *bent, *slopes, *unmodelled)
         if code == SINGULAR:
             raise np.linalg.LinAlgError("the non-uniform strain has no equilibrium")
         if code != GOOD:
             raise fault(code, q, qd)
         return NonuniformStrainState(*bent, *slopes, max(state.column, 0) + 1), NonuniformForce(
-            q, mass_kg, *lacking
+            q, mass_kg, *unmodelled
         )
 
     def away(self, point: Point, mass_kg: float) -> Array:
         """Return the force (n_q,) at a point far from any tick, for a mass [kg] at the tip."""
         state, force = self.initial_state(), np.zeros_like(point.q)
         for _ in range(_STEPS):
-            state, lacking = self.step(state, point, mass_kg)
-            force = lacking.force
+            state, unmodelled = self.step(state, point, mass_kg)
+            force = unmodelled.force
         return force
 
 

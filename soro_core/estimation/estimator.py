@@ -161,12 +161,12 @@ class Estimator:
         ]
         return unmeasured_covariance(self.filter, state.belief.q, places, self._units)
 
-    def _estimate(self, state: EstimatorState, trouble: str = "") -> Estimate:
+    def _estimate(self, state: EstimatorState, failure: str = "") -> Estimate:
         belief, n = state.belief, self.arm.n_q
         pose, spread, force = self.filter.tip(belief, state.pressure_pa)
         age = state.t_s - state.last_s
-        if not trouble and age > self.config.lost_after_s:
-            trouble = (
+        if not failure and age > self.config.lost_after_s:
+            failure = (
                 f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
             )
         said = note_of(state.monitors, state.t_s, self.config.lost_after_s, self.config.watch)
@@ -183,5 +183,5 @@ class Estimator:
             mean[2 * n : 3 * n] if self.filter.n_d else np.zeros(n),
             state.t_s - state.position_s <= self.config.lost_after_s,
             self._unseen(state),
-            EstimatorStatus(not trouble, trouble, state.counts, age, note),
+            EstimatorStatus(not failure, failure, state.counts, age, note),
         )

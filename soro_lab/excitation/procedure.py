@@ -133,7 +133,7 @@ def advance(excitation: Excitation, state: ExcitationState, tick: ExcitationTick
     """
     state = _received(state, tick, excitation.plan.still_s)
     if state.phase == "running":
-        reason = _trouble(excitation, state, tick)
+        reason = _stop_reason(excitation, state, tick)
         state = _stopped(state, tick.t_s, reason) if reason else _moved(excitation, state, tick)
     if state.phase == "running":
         section = excitation.plan.sections[state.index]
@@ -183,7 +183,7 @@ def _last(recent: Mapping[str, tuple[Sample, ...]], time_s: float) -> dict[str, 
     }
 
 
-def _trouble(excitation: Excitation, state: ExcitationState, tick: ExcitationTick) -> str:
+def _stop_reason(excitation: Excitation, state: ExcitationState, tick: ExcitationTick) -> str:
     """Return why an excitation cannot go on; empty if it can."""
     if tick.stop:
         return tick.stop

@@ -22,7 +22,7 @@ class CandidateResult:
 
     candidate: Candidate
     errors: Errors | None
-    trouble: str = ""
+    failure: str = ""
     cost: Cost | None = None
     loop: LoopError | None = None
     measured_per_m: float | None = None
@@ -125,7 +125,7 @@ class Study:
                 {
                     "model": row.candidate.section,
                     "errors_percent": row.errors and asdict(row.errors),
-                    "trouble": row.trouble,
+                    "trouble": row.failure,
                     "cost": row.cost and asdict(row.cost),
                     "closed_loop": row.loop and asdict(row.loop),
                     "measured_curvature_rms_per_m": row.measured_per_m,

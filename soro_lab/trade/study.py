@@ -170,8 +170,8 @@ class _Run:
             self._note(outcome, reference)
 
     def _note(self, outcome: Outcome, reference: str) -> None:
-        self.rows[outcome.candidate] = CandidateResult(outcome.candidate, outcome.errors, outcome.trouble)
-        value = {"errors": outcome.errors and asdict(outcome.errors), "trouble": outcome.trouble}
+        self.rows[outcome.candidate] = CandidateResult(outcome.candidate, outcome.errors, outcome.failure)
+        value = {"errors": outcome.errors and asdict(outcome.errors), "trouble": outcome.failure}
         self._keep(keys.error_key(self.key, reference, outcome.candidate), value)
 
     def _costs(self, text: str) -> None:

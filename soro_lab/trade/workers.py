@@ -27,7 +27,7 @@ class Outcome:
 
     candidate: Candidate
     errors: Errors | None
-    trouble: str = ""
+    failure: str = ""
 
 
 def compute(case: TradeCase, truth: TradeTrace, candidate: Candidate) -> Outcome:

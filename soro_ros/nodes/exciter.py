@@ -159,7 +159,7 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Begin; in real time only with samples of the arm."""
         response.success = self._lockstep or self._samples_seen > 0
-        without = "; ".join(filter(None, ("no sample of a sensor on the arm has come", self._frames.trouble)))
+        without = "; ".join(filter(None, ("no sample of a sensor on the arm has come", self._frames.refusal)))
         response.message = "enabled" if response.success else without
         self._enabled = self._enabled or response.success
         return response

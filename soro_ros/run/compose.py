@@ -265,10 +265,10 @@ class Run:
         for name in set(self.nodes) - set(essential):
             if self._children[name].process.poll() is not None:
                 continue
-            if trouble := supervisor.error(name):
-                self._warn(name, trouble, has_failed=True)
-            elif trouble := supervisor.silence(name):
-                self._warn(name, trouble)
+            if failure := supervisor.error(name):
+                self._warn(name, failure, has_failed=True)
+            elif failure := supervisor.silence(name):
+                self._warn(name, failure)
 
     def _spares(self, name: str) -> bool:
         """Whether the run goes on without a node now."""

@@ -120,14 +120,14 @@ class RunMonitor:
     def check(self, names: Iterable[str] | None = None) -> None:
         """Raise NodeError if one of these nodes, by default any, reports an error."""
         for name in list(self.status) if names is None else names:
-            if trouble := self.error(name):
-                raise NodeError(name, trouble)
+            if failure := self.error(name):
+                raise NodeError(name, failure)
 
     def check_silence(self, names: Iterable[str]) -> None:
         """Raise NodeError if a node has stopped publishing /diagnostics though its process lives."""
         for name in names:
-            if trouble := self.silence(name):
-                raise NodeError(name, trouble)
+            if failure := self.silence(name):
+                raise NodeError(name, failure)
 
     def error(self, name: str) -> str:
         """Return the error that a node reports, with its name; "" without one."""

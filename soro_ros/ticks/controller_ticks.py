@@ -88,7 +88,7 @@ class ControllerTicks:
         self.controller = controller_of(config, robot, self._platform, ports.warn)
         self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self.enabled = config.enabled
-        self._trouble, self._refused, self.refusals = "", "", 0
+        self._failure, self._refused, self.refusals = "", "", 0
         self._covariance_refused = False
         self.state: ControllerState
         self.forget()
@@ -238,8 +238,8 @@ class ControllerTicks:
                 self._publish(np.zeros(len(self._names)), stamp_ns)
             return
         start_s = time.monotonic()
-        trouble = self._unusable(message, stamp_ns)
-        if not trouble:
+        failure = self._unusable(message, stamp_ns)
+        if not failure:
             if self._epoch_ns is None:
                 self._epoch_ns, self._last_ns = stamp_ns, stamp_ns - round(1e9 / self._config.rate_hz)
             dt = (stamp_ns - self._last_ns) * 1e-9
@@ -251,12 +251,12 @@ class ControllerTicks:
             self.state, command = self.controller.step(
                 self.state, q, qd, t, dt, reading, self._reference, certainty
             )
-            self._last_ns, trouble = stamp_ns, command.status.message
+            self._last_ns, failure = stamp_ns, command.status.message
             self._publish_learned(command.learned, stamp_ns)
         else:
             self._publish_learned(None, stamp_ns)
-        self._note(trouble or command.status.note)
-        if trouble:
+        self._note(failure or command.status.note)
+        if failure:
             if self._lockstep:
                 self._publish(np.zeros(0), stamp_ns)
             return
@@ -296,10 +296,10 @@ class ControllerTicks:
         message.header.frame_id = self._source
         self._ports.publish("chambers/command", message)
 
-    def _note(self, trouble: str) -> None:
-        if trouble != self._trouble:
-            self._trouble = trouble
+    def _note(self, failure: str) -> None:
+        if failure != self._failure:
+            self._failure = failure
             self._say()
 
     def _say(self) -> None:
-        self._ports.report("; ".join(text for text in (self._trouble, self._refused) if text))
+        self._ports.report("; ".join(text for text in (self._failure, self._refused) if text))

@@ -166,14 +166,14 @@ def step(
     moves: Array,
     slope: Array,
     even_slope: Array,
-    lacking: Array,
+    unmodelled: Array,
     by_mass: Array,
     by_q: Array,
 ) -> int:
     """Make one step; gives a code of `soro_core.model.dynamics`.
 
     `deviation`, `force`, `moves` and the slopes are the state, and become that after the step; `column` < 0
-    at the first tick, which has no force and no slopes yet. lacking, by_mass and by_q <- the `UnevenForce`.
+    at the first tick, which has no force and no slopes yet. unmodelled, by_mass and by_q <- the `NonuniformForce`.
     """
     bend = view(box)
     even, varying, unit, wide = bend.even, bend.varying, bend.unit, bend.varying_unit
@@ -231,7 +231,7 @@ def step(
             moves[r, c] = wide[r] * right[r, 2 + c]
     for r in range(n):
         force[r] += right[N + r, 0] / unit[r]
-        lacking[r], by_mass[r] = force[r] - own[r], right[N + r, 1] / unit[r] - load[r]
+        unmodelled[r], by_mass[r] = force[r] - own[r], right[N + r, 1] / unit[r] - load[r]
         for c in range(n):
             by_q[r, c] = right[N + r, 2 + c] / unit[r] - even_slope[r, c]
     return GOOD

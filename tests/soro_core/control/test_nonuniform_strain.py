@@ -66,10 +66,10 @@ def test_its_pressures_accelerate_the_uneven_arm_as_wanted():
     )
     state = uneven.initial_state()
     for _ in range(16):
-        state, lacking = uneven.step(state, wanted, 0.0)
+        state, unmodelled = uneven.step(state, wanted, 0.0)
     q, qd, qdd = wanted.q, wanted.qd, wanted.qdd
     even = ARM.inverse_dynamics(q, qd, qd, qdd) + ARM.elastic_force(q)
-    pressure = np.linalg.solve(ARM.actuation_matrix(q), even + lacking.force)
+    pressure = np.linalg.solve(ARM.actuation_matrix(q), even + unmodelled.force)
     x = uneven.spread @ q + state.deviation
     made = uneven.varying.forward_dynamics(x, state.moves @ qd, pressure)
     expected = state.moves @ qdd
@@ -162,7 +162,7 @@ def test_the_filter_gets_its_tangent():
     learner = replace(state.learner, learned=Learned(np.concatenate([[LOAD_KG], np.linspace(-1.0, 1.0, 12)])))
     state = replace(state, learner=learner)
     state, _, terms = law.step(state, belief, Preview(point, point, 0.0), 0.005)
-    at, learned = state.lacking.q, law.learner.force
+    at, learned = state.unmodelled.q, law.learner.force
     given, own = (learned.force(x, at, none, none) for x in (law.learned(state), learner.learned))
     np.testing.assert_allclose((given - own) / UNIT, terms["uneven"] / UNIT, atol=1e-9)
     assert np.abs(terms["uneven"] / UNIT).max() > 0.5

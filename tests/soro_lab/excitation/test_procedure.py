@@ -212,7 +212,7 @@ def test_without_a_sample_there_is_no_pressure():
     assert not any(state.setpoint_pa.any() for _, state in states)
 
 
-def test_the_section_that_the_model_warns_of_is_not_begun():
+def test_the_section_that_the_model_warns_of_is_not_started():
     given = excitation(levels=2, warned=Warned(3, "no balance"))
     _, state, states = stop_of(given, still)
     assert state.reason == "no balance"

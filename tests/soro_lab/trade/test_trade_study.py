@@ -159,8 +159,8 @@ def test_stopping_keeps_what_is_done(case, studied):
 def test_a_failure_is_a_row_with_its_cause(case, reference):
     stiff = robot().replace(links=[{**case.robot.links[0].model_dump(exclude_unset=True), "material": STIFF}])
     outcome = compute(bare_case(stiff, 0.3), reference.trace, Candidate(Discretisation(links=2), "rk4", 0.02))
-    assert outcome == Outcome(outcome.candidate, None, outcome.trouble)
-    assert "t = " in outcome.trouble
+    assert outcome == Outcome(outcome.candidate, None, outcome.failure)
+    assert "t = " in outcome.failure
 
 
 STIFF = {"youngs_modulus": 1e8, "shear_modulus": 3e7, "viscosity": 1e3}
@@ -260,4 +260,4 @@ def test_a_candidate_that_takes_for_ever_is_left_out_and_says_so(case, reference
     monkeypatch.setattr("soro_lab.trade.trace.SLOWEST", 0.0)
     outcome = compute(case, reference.trace, candidate)
     assert outcome.errors is None
-    assert outcome.trouble == "too slow: takes more than 0 s a simulated second"
+    assert outcome.failure == "too slow: takes more than 0 s a simulated second"

@@ -54,7 +54,7 @@ class LearnerSample:
         Creep and hysteresis states.
     covariance : ndarray (n_q, n_q)
         Covariance of q.
-    uneven : NonuniformForce or None
+    unmodelled : NonuniformForce or None
         Unmodelled force near to q; the rest is learned.
     """
 
@@ -63,7 +63,7 @@ class LearnerSample:
     pressure_pa: Array
     creep: Array
     covariance: Array
-    uneven: NonuniformForce | None = None
+    unmodelled: NonuniformForce | None = None
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,7 @@ class Learner:
         else:
             residual, regressor = state.residual.copy(), state.regressor.copy()
         covariance = np.array(sample.covariance, order="C")
-        scales, unmodelled = self.force.scales, sample.uneven or self._nothing
+        scales, unmodelled = self.force.scales, sample.unmodelled or self._nothing
         code = show(
             self._box,
             np.array(sample.q),

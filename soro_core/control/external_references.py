@@ -153,7 +153,7 @@ class GivenReferences:
         """
         if self.obstacles is None:
             return None
-        shape = resting_shape(self.arm, self.law, law_state, self.underactuated, self.obstacles.uneven)
+        shape = resting_shape(self.arm, self.law, law_state, self.underactuated, self.obstacles.nonuniform)
         return Lookout(self.obstacles, shape, start)
 
     def _keep_clear(self, state: ControllerState, reference: Reference) -> None:

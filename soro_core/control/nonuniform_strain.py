@@ -6,7 +6,8 @@ coordinates x with the accelerations dx/dq qdd, the arm keeps
     f(x) + m Y(x) = H(x) p,   the ends of the links where q has them
 
 in x and p, and these pressures make the force H_1(q) p in the coordinates q, not G + f_e + m Y_m. The
-difference is the unmodelled force of a law with constant strains, docs/control.md. One step of Newton a tick follows it.
+difference is the unmodelled force of a law with constant strains, docs/control.md. One step of Newton a tick
+follows it.
 """
 
 from __future__ import annotations

@@ -148,7 +148,7 @@ class Estimator:
         if learned is not None:
             learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
         tick.known = update_learned_input(
-            tick.known, learned, tick.dt, placed, self.filter.uneven is not None
+            tick.known, learned, tick.dt, placed, self.filter.mean_strain is not None
         )
 
     def _unseen(self, state: EstimatorState) -> Array:

@@ -142,7 +142,7 @@ class MeanStrain:
         return np.diag(ratio)
 
 
-def uneven_of(arm: SoftArm, pieces: int = 1) -> MeanStrain | None:
+def mean_strain_of(arm: SoftArm, pieces: int = 1) -> MeanStrain | None:
     """Return the non-uniform strain of an arm, None where there is none to compute.
 
     Parameters

@@ -166,8 +166,6 @@ def judge(
         names = state.monitors.names
         checked = watch_vent(limits, state.vent_check, names, reading_pa, fresh, now_ns)
         return state._replace(vent_check=checked)
-            vent_check=watch_vent(limits, state.vent_check, names, reading_pa, fresh, now_ns)
-        )
     cause = fault or _trip_cause(limits, state, reading_pa, now_ns)
     if cause is None:
         monitors, cause = watch(

@@ -28,8 +28,8 @@ class Window:
     states : tuple of State
         At each tick, both ends included.
     transitions : ndarray (n_ticks + 1, 2 n_q, 3 n_q)
-        Derivatives of (q, qd) at each tick by those at the first one, and by an acceleration that the model
-        lacks, the same at each tick: what an unknown load does.
+        Derivatives of (q, qd) at each tick by those at the first one, and by an unmodelled
+        acceleration, the same at each tick: what an unknown load does.
     """
 
     states: tuple[State, ...]

@@ -28,7 +28,7 @@ def show(
     at: Array,
     unmodelled: Array,
     unmodelled_by_mass: Array,
-    lacking_by_q: Array,
+    unmodelled_by_q: Array,
     part: float,
     residual: Array,
     regressor: Array,
@@ -54,7 +54,7 @@ def show(
     for c in range(n):
         missing[c] = mass_kg * unmodelled_by_mass[c] - unmodelled[c] - model[c]
         for d in range(n):
-            missing[c] -= lacking_by_q[c, d] * (q[d] - at[d])
+            missing[c] -= unmodelled_by_q[c, d] * (q[d] - at[d])
         for u in range(n_u):
             missing[c] += H[u, c] * acting(t, u, pressure[u])
         missing[c] /= force_unit[c]

@@ -173,7 +173,7 @@ def step(
     """Make one step; gives a code of `soro_core.model.dynamics`.
 
     `deviation`, `force`, `moves` and the slopes are the state, and become that after the step; `column` < 0
-    at the first tick, which has no force and no slopes yet. unmodelled, by_mass and by_q <- the `NonuniformForce`.
+    at the first tick, which has no force and no slopes yet. unmodelled, by_mass, by_q <- `NonuniformForce`.
     """
     bend = view(box)
     even, varying, unit, wide = bend.even, bend.varying, bend.unit, bend.varying_unit

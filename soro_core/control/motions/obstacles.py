@@ -39,7 +39,7 @@ class Obstacles:
         Centre and radius of each [m].
     step_m : float
         Largest motion of a place between two samples.
-    uneven : NonuniformStrain or None
+    nonuniform : NonuniformStrain or None
         The non-uniform strain of the arm without contact, where it has one.
     """
 
@@ -49,7 +49,7 @@ class Obstacles:
     planes: Array
     spheres: Array
     step_m: float
-    uneven: NonuniformStrain | None
+    nonuniform: NonuniformStrain | None
 
     def clearance(self, at: Array) -> Array:
         """Return the clearance (m, n + k) [m] of places at (m, 3) from each obstacle, below 0 inside."""

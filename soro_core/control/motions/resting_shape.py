@@ -48,26 +48,26 @@ class NonuniformShape(RestingShape):
 
     Parameters
     ----------
-    uneven : NonuniformStrain
+    nonuniform : NonuniformStrain
         Of the arm without contact.
     mass_kg : float
         Mass at the tip beyond the robot file's [kg].
     """
 
-    def __init__(self, uneven: NonuniformStrain, mass_kg: float) -> None:
-        super().__init__(uneven.varying, uneven.spread)
-        self._uneven, self._mass_kg = uneven, mass_kg
-        self._state, self._steps = uneven.initial_state(), _FIRST_STEPS
+    def __init__(self, nonuniform: NonuniformStrain, mass_kg: float) -> None:
+        super().__init__(nonuniform.varying, nonuniform.spread)
+        self._nonuniform, self._mass_kg = nonuniform, mass_kg
+        self._state, self._steps = nonuniform.initial_state(), _FIRST_STEPS
 
     def offset(self, q: Array) -> Array:
         """Return how the strains vary along the links."""
         still = Point(q, np.zeros_like(q), np.zeros_like(q))
         try:
             for _ in range(self._steps):
-                self._state, _ = self._uneven.step(self._state, still, self._mass_kg)
+                self._state, _ = self._nonuniform.step(self._state, still, self._mass_kg)
             self._steps = _STEPS
         except _NO_BALANCE:
-            self._state, self._steps = self._uneven.initial_state(), _FIRST_STEPS
+            self._state, self._steps = self._nonuniform.initial_state(), _FIRST_STEPS
         return self._state.deviation
 
 
@@ -112,7 +112,7 @@ def resting_shape(
     law: Law[Any],
     law_state: object,
     underactuated: UnderactuatedReference,
-    uneven: NonuniformStrain | None,
+    nonuniform: NonuniformStrain | None,
 ) -> RestingShape:
     """Return the shape of an arm, with the load that its law has learned.
 
@@ -124,7 +124,7 @@ def resting_shape(
         Holds what is learned.
     underactuated : UnderactuatedReference
         Coordinates of the arm that no chamber drives.
-    uneven : NonuniformStrain or None
+    nonuniform : NonuniformStrain or None
         Its non-uniform strain, where it has one.
     """
     if underactuated.exist and law.learns:
@@ -135,7 +135,7 @@ def resting_shape(
         return UnderactuatedShape(
             underactuated, force, lambda q: law.actuation(law_state, arm.actuation_matrix(q))
         )
-    if uneven is None:
+    if nonuniform is None:
         return RestingShape(arm, np.eye(arm.n_q))
     own = arm.robot.tip_mass
-    return NonuniformShape(uneven, law.estimates(law_state).get("tip_mass", own) - own)
+    return NonuniformShape(nonuniform, law.estimates(law_state).get("tip_mass", own) - own)

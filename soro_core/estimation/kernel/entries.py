@@ -121,9 +121,9 @@ def expect(box: Box, place: Array, mean: Array, by_q: Array, by_rate: Array) -> 
     """Set what the next IMU sample is held against: `mean_strain.StrainProfile` about coordinates `place`."""
     w = view(box).scratch
     assign(place, w.place)
-    assign(mean, w.uneven)
-    assign_matrix(by_q, w.uneven_by_q)
-    assign_matrix(by_rate, w.uneven_by_rate)
+    assign(mean, w.mean_strain)
+    assign_matrix(by_q, w.mean_strain_by_q)
+    assign_matrix(by_rate, w.mean_strain_by_rate)
 
 
 @entry

@@ -148,10 +148,10 @@ class Scratch(NamedTuple):
     prior_internal: Array
     prior_covariance: Array
     place: Array
-    """Where `uneven` is linear, (n,): mean strains up to an IMU, (n,), and by q and rates."""
-    uneven: Array
-    uneven_by_q: Array
-    uneven_by_rate: Array
+    """Where `mean_strain` is linear, (n,): mean strains up to an IMU, (n,), and by q and rates."""
+    mean_strain: Array
+    mean_strain_by_q: Array
+    mean_strain_by_rate: Array
 
 
 class NoRoom(NamedTuple):
@@ -221,7 +221,7 @@ def make_scratch(t: Tables, s: FilterSettings, n_wrench: int) -> Scratch:
         np.zeros(n_z),  # prior_internal
         np.zeros((m, m)),  # prior_covariance
         np.zeros(n),  # place
-        np.zeros(n),  # uneven
-        np.eye(n),  # uneven_by_q
-        np.eye(n),  # uneven_by_rate
+        np.zeros(n),  # mean_strain
+        np.eye(n),  # mean_strain_by_q
+        np.eye(n),  # mean_strain_by_rate
     )

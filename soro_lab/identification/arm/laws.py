@@ -40,8 +40,8 @@ LAWS = (
     LawTerm("slow creep", ("slow_{}", "slow_{}_tau"), {"slow_{}": 0.02}),
     LawTerm("Dahl hysteresis", ("dahl_{}", "dahl_{}_range"), {"dahl_{}": 0.02}),
 )
-# Added only where they are named: without a position sensor moment arms take up what other laws leave out, and an
-# area that swells counts near the pressure alone beyond which its chamber has no balance.
+# Added only where they are named: without a position sensor moment arms take up what other laws leave out;
+# an area that swells counts near the pressure alone beyond which its chamber has no balance.
 NAMED = (LawTerm("moment arms", ("chamber*/arm",), {}), LawTerm("swelling area", ("swell",), {"swell": 1e-6}))
 _NEUTRAL = (
     *("rise_e", "rise_b", "area_slope", "area_saturation", "dead_band", "swell"),

@@ -90,10 +90,10 @@ def test_between_its_steps_the_force_of_the_bend_follows_arm_and_mass(robot):
     law = Controller(robot, parse({"law": "composite"}, ControllerConfig, "test")).law
     q, mass_kg, zero = np.array([0.1, 4.0, -2.0]), 0.02, np.zeros(3)
     nearby = q * 1.02, mass_kg * 1.05
-    shape = law.uneven.initial_state()
+    shape = law.nonuniform.initial_state()
     for _ in range(12):
-        shape, found = law.uneven.step(shape, Point(q, zero, zero), mass_kg)
-    there = law.uneven.away(Point(nearby[0], zero, zero), nearby[1])
+        shape, found = law.nonuniform.step(shape, Point(q, zero, zero), mass_kg)
+    there = law.nonuniform.away(Point(nearby[0], zero, zero), nearby[1])
     off = np.abs(found.at(*nearby) - there).max() / np.abs(found.force - there).max()
     assert off < 0.05  # of what a force that stays would miss
 

@@ -135,7 +135,7 @@ def circling(nonuniform, state, k):
 
 
 def test_the_learner_finds_the_mass_of_an_uneven_arm():
-    """Constant strains take the nonuniform bend for a heavier load and a W of the circle."""
+    """Constant strains take the non-uniform strain for a heavier load and a W of the circle."""
     nonuniform, learner = NonuniformStrain(ARM), Learner(ARM, LearnerConfig(noise=0.05, forget_s=1e3))
     masses, none = [], np.zeros(ARM.n_internal)
     for told in (True, False):
@@ -164,8 +164,8 @@ def test_the_filter_gets_its_tangent():
     state, _, terms = law.step(state, belief, Preview(point, point, 0.0), 0.005)
     at, learned = state.unmodelled.q, law.learner.force
     given, own = (learned.force(x, at, none, none) for x in (law.learned(state), learner.learned))
-    np.testing.assert_allclose((given - own) / UNIT, terms["nonuniform"] / UNIT, atol=1e-9)
-    assert np.abs(terms["nonuniform"] / UNIT).max() > 0.5
+    np.testing.assert_allclose((given - own) / UNIT, terms["uneven"] / UNIT, atol=1e-9)
+    assert np.abs(terms["uneven"] / UNIT).max() > 0.5
     assert law.learned(state).mass_kg == LOAD_KG
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,8 @@ from soro_core.errors import ConfigError, SoroError
 from soro_hardware import signals
 from soro_lab.scene import Scene, check_gains, check_scene
 from soro_lab.scene.options import Arm, Change, Device, Folder, SceneName, Valves, changes_of
-from soro_ros.run.execution import End, execute, make_folder, prepare
+from soro_ros.run.end import End
+from soro_ros.run.execution import execute, make_folder, prepare
 
 
 def run(
@@ -87,7 +89,7 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
             summary = summarise(recording, scene)
     except SoroError as error:
         failure = failure or str(error)
-    verdict = judge(summary, scene, end.status, end.error, end.warnings, failure, recording)
+    verdict = judge(summary, scene, replace(end, recording_failure=failure), recording)
     write(folder, summary, verdict)
     if summary is not None:
         summary = with_verdict(summary, verdict)

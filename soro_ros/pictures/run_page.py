@@ -18,6 +18,7 @@ from soro_ros.pictures.run_view import OpenRun, title_of
 from soro_ros.recordings.recording import Spans
 from soro_ros.recordings.report import Summary, rows, summarise
 from soro_ros.recordings.verdict import Verdict, judge, with_verdict
+from soro_ros.run.end import End
 
 _WIDTH, _HEIGHT = 9.0, 3.4  # of a picture [inches]
 
@@ -64,7 +65,7 @@ def _verdict(run: OpenRun, summary: Summary | None) -> Verdict:
         pass
     if run.scene is None:
         return Verdict("not judged", "no scene says what was wanted")
-    return judge(summary, run.scene, 0, "", recording=run.recording)
+    return judge(summary, run.scene, End(), run.recording)
 
 
 def _figures(run: OpenRun, summary: Summary | None) -> Table:

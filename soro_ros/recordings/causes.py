@@ -73,7 +73,7 @@ class Evidence:
     learns: bool = True
 
 
-class Cause(NamedTuple):
+class PossibleCause(NamedTuple):
     """One row: what is said of the cause, or an empty text where it is another one; and the next step."""
 
     find: Callable[[Evidence], str]
@@ -103,28 +103,28 @@ _IDENTIFY = "soro excite, soro identify, then the same run with the file that th
 _OTHER_ARM = f"see that each chamber is where the file has it (soro hil first-pressure); then {_IDENTIFY}"
 
 CAUSES = (
-    Cause(
+    PossibleCause(
         _says("controller", "fallen over"),
         _step("a smaller load or curvature; soro reach shows what the pressures can hold"),
     ),
-    Cause(
+    PossibleCause(
         _says("controller", "elongation"),
         _step("a smaller load, curvature or pressure, or least_elongation of the link in the robot file"),
     ),
-    Cause(
+    PossibleCause(
         _says("controller", "of the force"),
         _step(f"check valve, line and bellow of this chamber; where they are right, {_IDENTIFY}"),
     ),
-    Cause(
+    PossibleCause(
         _says("estimator", NO_ESTIMATE),
         _step("see that its sensors publish, in the right frame"),
     ),
-    Cause(_says("controller", NO_COMMAND), _step("what its text asks for; soro log has all of it")),
-    Cause(
+    PossibleCause(_says("controller", NO_COMMAND), _step("what its text asks for; soro log has all of it")),
+    PossibleCause(
         _when(lambda seen: seen.late > _LATE_PART, "{seen.late:.0%} of the cycles of the loop came too late"),
         _step("a machine that is less busy, a lower rate_hz, or --set mode=lockstep (docs/real_time.md)"),
     ),
-    Cause(
+    PossibleCause(
         _when(
             lambda seen: seen.swing_hz > 0.0, "the tip swings about its reference at {seen.swing_hz:.1f} Hz"
         ),
@@ -133,45 +133,45 @@ CAUSES = (
             "automatic ones are made of"
         ),
     ),
-    Cause(
+    PossibleCause(
         _when(lambda seen: seen.at_bound > AT_LIMIT_PART, "{seen.bound.name} holds set points back"),
         lambda seen: seen.bound.step,
     ),
-    Cause(
+    PossibleCause(
         _says("controller", "too much load"),
         _step("a smaller load or motion; soro reach shows what the pressures can hold"),
     ),
-    Cause(
+    PossibleCause(
         _when(lambda seen: bool(seen.pressure_off), "{seen.pressure_off}"),
         _step("check valve, supply and line of this chamber: soro hil first-pressure"),
     ),
-    Cause(
+    PossibleCause(
         _when(
             lambda seen: seen.at_slew > AT_LIMIT_PART,
             "{seen.at_slew:.0%} of the changes of set points are at limits.rise_pa_s or fall_pa_s",
         ),
         _step("a slower reference, or higher rates if the valves have them"),
     ),
-    Cause(
+    PossibleCause(
         _when(
             lambda seen: seen.estimator_error > max(0.5 * seen.error, 0.5 * seen.good),
             "the estimated tip is {seen.estimator_error:.1%} of the length away from the true one",
         ),
         _step("check place, noise and delay of the sensors; one sensor more: soro place-sensors"),
     ),
-    Cause(
+    PossibleCause(
         _when(lambda seen: seen.good_at_s > 0.0, "the error was still falling at the end"),
         _step("run longer: --set duration_s={seen.good_at_s:.0f}"),
     ),
-    Cause(
+    PossibleCause(
         _when(lambda seen: not seen.learns, "the law does not learn the load: controller.adapt is false"),
         _step("--set controller.adapt=true, or the load in the robot file (tip_mass)"),
     ),
-    Cause(
+    PossibleCause(
         _says("controller", "prior restored"),
         _step(f"the arm differs from its file by more than the law can learn: {_IDENTIFY}"),
     ),
-    Cause(
+    PossibleCause(
         _when(
             lambda seen: seen.free > _FREE_PART,
             "the arm is held back, or pushed, on a part of its way alone ({seen.free:.0%} of the time it is "
@@ -179,15 +179,15 @@ CAUSES = (
         ),
         _step("look for an obstacle, a cable or a hose that it touches there"),
     ),
-    Cause(
+    PossibleCause(
         _says("estimator", "ms late"),
         _step(f"check when the source stamps them; where that is right, {_OTHER_ARM}"),
     ),
-    Cause(
+    PossibleCause(
         _says("estimator", "NIS"),
         _step(f"see that the sensors are as the scene says; {_OTHER_ARM}"),
     ),
-    Cause(lambda seen: "the arm differs from its robot file", _step(_OTHER_ARM)),
+    PossibleCause(lambda seen: "the arm differs from its robot file", _step(_OTHER_ARM)),
 )
 
 

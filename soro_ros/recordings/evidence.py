@@ -13,10 +13,11 @@ from soro_lab.scene import Scene
 from soro_ros.recordings import report
 from soro_ros.recordings.causes import Bound, Evidence
 from soro_ros.recordings.events import warnings_at
-from soro_ros.recordings.recording import Recording, Series
+from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
 
 # Samples a second in which a swing is looked for; frequencies [Hz] below which it is the reference's motion.
 _RATE_HZ, _SLOW_HZ = 100.0, 0.6
+_HALF = round(0.5 * report.WINDOW_S * _RATE_HZ)  # of the samples
 # Harmonics of the reference that its own error has.
 _HARMONICS = 3.5
 # Part of the squared error of a swing, and of a swing's first half that the second has at least.
@@ -30,12 +31,12 @@ _OFF_PA = 3e3
 _REACH = "a smaller motion or load; soro reach shows what the pressures can hold"
 
 
-def evidence_of(recording: Recording, scene: Scene, summary: report.Summary) -> Evidence:
+def evidence_of(recording: RunRecording, scene: Scene, summary: report.Summary) -> Evidence:
     """Return what a recording shows in its last 5 s.
 
     Parameters
     ----------
-    recording : Recording
+    recording : RunRecording
     scene : Scene
     summary : Summary
         Its figures.
@@ -55,7 +56,7 @@ def evidence_of(recording: Recording, scene: Scene, summary: report.Summary) -> 
         at_bound=summary.saturated_last_part,
         at_slew=_at_slew(command, scene),
         bound=binding_bound(command.value, scene),
-        swing_hz=swing_hz(recording, scene, end_s, good * length),
+        swing_hz=swing_hz(_last(_away(recording), end_s), _period(scene), good * length),
         pressure_off=_pressure_off(command, _last(recording.reading, end_s)),
         estimator_error=summary.estimator_error_last_rms_m / length,
         good_at_s=good_at_s(t, error, scene, good * length),
@@ -98,24 +99,32 @@ def _stated(scene: Scene, key: str, end: int, bound_pa: float) -> Iterator[Bound
     yield Bound(most, _REACH)
 
 
-def swing_hz(recording: Recording, scene: Scene, end_s: float, good_m: float) -> float:
+def swing_hz(away: TopicSeries, period_s: float, good_m: float) -> float:
     """Return the frequency at which the tip swings about its reference [Hz]; NaN if it does not.
 
     A swing is faster than the reference, has most of the squared error, and lasts.
+
+    Parameters
+    ----------
+    away : TopicSeries
+        Vectors (n, 3) from the reference to the tip over the last 5 s [m].
+    period_s : float
+        Period of the reference [s]; 0 without one.
+    good_m : float
+        Error of a good run [m].
     """
-    if min(recording.true_tip.t.size, recording.wanted_tip.t.size) < 2:
+    if away.t.size < 2:
         return math.nan
-    t = np.arange(end_s - report.WINDOW_S, end_s, 1.0 / _RATE_HZ)
-    away = recording.true_tip.at(t) - recording.wanted_tip.at(t)
-    varying = away - away.mean(axis=0)
+    error = away.at(away.t[-1] - np.arange(2 * _HALF)[::-1] / _RATE_HZ)
+    varying = error - error.mean(axis=0)
     along = varying @ np.linalg.svd(varying, full_matrices=False)[2][0]
-    hz, waves = np.fft.rfftfreq(t.size, 1.0 / _RATE_HZ), np.fft.rfft(along)
-    waves[hz < max(_SLOW_HZ, _HARMONICS / (_period(scene) or math.inf))] = 0.0
-    fast = np.fft.irfft(waves, t.size)
+    hz, waves = np.fft.rfftfreq(2 * _HALF, 1.0 / _RATE_HZ), np.fft.rfft(along)
+    waves[hz < max(_SLOW_HZ, _HARMONICS / (period_s or math.inf))] = 0.0
+    fast = np.fft.irfft(waves, 2 * _HALF)
     first, second = np.split(fast**2, 2)
     square = float(np.mean(fast**2))
     is_swing = (
-        square > _SWING_PART * float(np.mean(np.sum(away**2, axis=1)))
+        square > _SWING_PART * float(np.mean(np.sum(error**2, axis=1)))
         and square > (0.5 * good_m) ** 2
         and second.mean() > _LASTS_PART**2 * first.mean()
     )
@@ -146,20 +155,28 @@ def good_at_s(t: Array, error: Array, scene: Scene, good_m: float) -> float:
     return math.ceil(end_s + spans * span_s + report.WINDOW_S)
 
 
+def _away(recording: RunRecording) -> TopicSeries:
+    """Return the vectors (n, 3) from the reference to the tip [m]."""
+    true, wanted = recording.true_tip, recording.wanted_tip
+    if min(true.t.size, wanted.t.size) < 2:
+        return EMPTY
+    return TopicSeries(true.t, true.value - wanted.at(true.t))
+
+
 def _period(scene: Scene) -> float:
     """Period of the reference [s]; 0 without one."""
     reference = scene.controller.reference
     return reference.period_s if reference.kind == "circle" else 0.0
 
 
-def _last(series: Series, end_s: float) -> Series:
+def _last(series: TopicSeries, end_s: float) -> TopicSeries:
     """Return the last 5 s of a series."""
     found = report.within(series, end_s)
     last = found.t >= end_s - report.WINDOW_S
-    return Series(found.t[last], found.value[last], found.names)
+    return TopicSeries(found.t[last], found.value[last], found.names)
 
 
-def _at_slew(command: Series, scene: Scene) -> float:
+def _at_slew(command: TopicSeries, scene: Scene) -> float:
     """Part of the changes of set points at a limit of rate."""
     if command.t.size < 2:
         return 0.0
@@ -168,7 +185,7 @@ def _at_slew(command: Series, scene: Scene) -> float:
     return float(np.mean((rate > 0.99 * pressures.rise_pa_s) | (rate < -0.99 * pressures.fall_pa_s)))
 
 
-def _pressure_off(command: Series, reading: Series) -> str:
+def _pressure_off(command: TopicSeries, reading: TopicSeries) -> str:
     """Name the chamber whose mean pressure is furthest from its mean set point, if that is too far."""
     if min(command.t.size, reading.t.size) < 2 or command.names != reading.names:
         return ""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,8 +11,9 @@ from soro_lab.scene import Scene
 from soro_ros.recordings.causes import AT_LIMIT_PART, end_of_commands, probable_cause
 from soro_ros.recordings.events import warnings_at
 from soro_ros.recordings.evidence import evidence_of
-from soro_ros.recordings.recording import Recording
+from soro_ros.recordings.recording import RunRecording
 from soro_ros.recordings.report import WINDOW_S, Summary
+from soro_ros.run.end import End
 
 # Words of trips by which nodes or devices are late; the first says that no command came.
 _NO_COMMANDS = "command lost"
@@ -35,16 +35,8 @@ class Verdict:
         return f"{self.word}: {self.reason}" if self.reason else self.word
 
 
-def judge(
-    summary: Summary | None,
-    scene: Scene,
-    status: int,
-    trouble: str,
-    warnings: Sequence[str] = (),
-    recording_failure: str = "",
-    recording: Recording | None = None,
-) -> Verdict:
-    """Judge a run by its exit status and its figures.
+def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecording | None = None) -> Verdict:
+    """Judge a run by its end and its figures.
 
     Parameters
     ----------
@@ -52,35 +44,29 @@ def judge(
         Figures of the run; None without a recording.
     scene : Scene
         Limits of the verdict.
-    status : int
-        Exit status so far: 2 if the run was refused, another value but 0 if it ended early.
-    trouble : str
-        Why the run ended early.
-    warnings : sequence of str
-        What happened meanwhile to nodes that only look on; they stand behind the reason.
-    recording_failure : str
-        Why the recording has no end; empty where it has one.
-    recording : Recording, optional
+    end : End
+        Its warnings stand behind the reason.
+    recording : RunRecording, optional
         What shows the cause of a bad run, and what the nodes said.
 
     Returns
     -------
     Verdict
     """
-    if status == 2:
-        found = Verdict("refused", trouble)
-    elif status != 0 or (summary is not None and summary.faults):
-        found = Verdict("vented", _why_vented(summary, trouble, recording))
-    elif recording_failure:
-        found = Verdict("lost", f"not judged, because the recording has no end: {recording_failure}")
+    if end.status == 2:
+        found = Verdict("refused", end.error)
+    elif end.status != 0 or (summary is not None and summary.faults):
+        found = Verdict("vented", _why_vented(summary, end.error, recording))
+    elif end.recording_failure:
+        found = Verdict("lost", f"not judged, because the recording has no end: {end.recording_failure}")
     else:
         found = _followed(summary, scene, recording)
-    more = [line for line in warnings if line not in found.reason]
+    more = [line for line in end.warnings if line not in found.reason]
     reason = "; ".join(filter(None, (found.reason, *more)))
     return replace(found, reason=reason, notes=_notes(recording, scene.duration_s))
 
 
-def _followed(summary: Summary | None, scene: Scene, recording: Recording | None) -> Verdict:
+def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | None) -> Verdict:
     """Judge how well the arm followed its reference to the end."""
     if scene.faults:
         return Verdict("good")
@@ -114,23 +100,23 @@ def _followed(summary: Summary | None, scene: Scene, recording: Recording | None
     return Verdict("lost" if lost else "poor", reason)
 
 
-def _why_vented(summary: Summary | None, trouble: str, recording: Recording | None) -> str:
+def _why_vented(summary: Summary | None, failure: str, recording: RunRecording | None) -> str:
     """Return the first cause of a vent: what ended the commands says it, not the limiter that missed them."""
     trips = "; ".join(summary.faults) if summary is not None else ""
-    if _NO_COMMANDS in (trips or trouble):
+    if _NO_COMMANDS in (trips or failure):
         said = {} if recording is None else warnings_at(recording.said, _trip_s(recording))
         why = end_of_commands(said.get("controller", ""), said.get("estimator", ""))
-        return why or (trouble if _NO_COMMANDS not in trouble else "") or trips
-    return trips or trouble or "interrupted"
+        return why or (failure if _NO_COMMANDS not in failure else "") or trips
+    return trips or failure or "interrupted"
 
 
-def _trip_s(recording: Recording) -> float:
+def _trip_s(recording: RunRecording) -> float:
     """Return the time of the first trip under control [s]; infinite without one."""
     trips = (event.t_s for event in recording.events if event.kind == "trip" and event.t_s >= 0.0)
     return min(trips, default=math.inf)
 
 
-def _notes(recording: Recording | None, duration_s: float) -> tuple[str, ...]:
+def _notes(recording: RunRecording | None, duration_s: float) -> tuple[str, ...]:
     """Return the warnings of the nodes that stand at the end of control, estimator and controller first."""
     if recording is None:
         return ()

@@ -9,10 +9,11 @@ import pytest
 from soro_lab.scene import load_scene
 from soro_ros.recordings import report
 from soro_ros.recordings.causes import CAUSES, Bound, Evidence, end_of_commands, probable_cause
-from soro_ros.recordings.events import Event, Status
+from soro_ros.recordings.events import Event, NodeStatus
 from soro_ros.recordings.evidence import evidence_of
-from soro_ros.recordings.recording import EMPTY, Recording, Series
+from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
 from soro_ros.recordings.verdict import judge
+from soro_ros.run.end import End
 
 POOR = Evidence(error=0.05, good=0.02)
 LIMIT = Bound("limits.maximum_pa, 90 kPa,", "state another one")
@@ -78,17 +79,17 @@ CIRCLE = np.column_stack([np.cos(0.5 * np.pi * T), np.sin(0.5 * np.pi * T), np.z
 
 def recorded(away_mm, command=None, reading=None, said=(), **changes):
     """A run whose tip is away from a circle (n, 3), with what its nodes said from the start on."""
-    wanted = Series(T, 0.02 * CIRCLE)
-    true = Series(T, wanted.value + 1e-3 * np.asarray(away_mm))
+    wanted = TopicSeries(T, 0.02 * CIRCLE)
+    true = TopicSeries(T, wanted.value + 1e-3 * np.asarray(away_mm))
     chambers = np.full((T.size, 3), 30e3)
-    command = Series(T, chambers if command is None else command, CHAMBERS)
-    reading = Series(T, command.value if reading is None else reading, CHAMBERS)
-    statuses = tuple(Status(0.0, node, level, text) for node, level, text in said)
-    return Recording(true, true, wanted, command, reading, EMPTY, {}, (), said=statuses, **changes)
+    command = TopicSeries(T, chambers if command is None else command, CHAMBERS)
+    reading = TopicSeries(T, command.value if reading is None else reading, CHAMBERS)
+    statuses = tuple(NodeStatus(0.0, node, level, text) for node, level, text in said)
+    return RunRecording(true, true, wanted, command, reading, EMPTY, {}, (), said=statuses, **changes)
 
 
 def judged(recording, scene=SCENE):
-    return judge(report.summarise(recording, scene), scene, 0, "", recording=recording)
+    return judge(report.summarise(recording, scene), scene, End(), recording)
 
 
 def along_x(values_mm):
@@ -194,12 +195,12 @@ def test_what_the_nodes_say_last_stands_beside_the_verdict():
 TRIP = "regulator: vented: command lost: last one 105 ms old"
 
 
-def vented(*said, trouble=TRIP, trips=(TRIP,)):
+def vented(*said, failure=TRIP, trips=(TRIP,)):
     """The reason of a run that a missing command ended at 8 s."""
     recording = recorded(STEADY, said=said, events=(Event(8.0, "trip", "regulator", TRIP),))
-    after = Status(8.1, "controller", 1, "no command: deactivated")
+    after = NodeStatus(8.1, "controller", 1, "no command: deactivated")
     recording = replace(recording, said=(*recording.said, after), faults=trips)
-    return judge(report.summarise(recording, SCENE), SCENE, 1, trouble, recording=recording).reason
+    return judge(report.summarise(recording, SCENE), SCENE, End(1, failure), recording).reason
 
 
 @pytest.mark.parametrize(
@@ -232,9 +233,9 @@ def test_what_ended_the_commands_is_the_reason_of_a_vent(said, reason):
 
 
 def test_a_node_that_ended_is_the_reason_of_a_vent():
-    assert vented(trouble="controller ended with status -9") == "controller ended with status -9"
+    assert vented(failure="controller ended with status -9") == "controller ended with status -9"
     leak = "regulator: vented: leak: link0/chamber0"
-    assert vented(("controller", 1, "no command: x"), trouble=leak, trips=(leak,)) == leak
+    assert vented(("controller", 1, "no command: x"), failure=leak, trips=(leak,)) == leak
 
 
 def test_the_end_of_commands_is_unknown_without_words():

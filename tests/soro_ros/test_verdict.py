@@ -10,6 +10,7 @@ from soro_core.config import find_config, read_yaml
 from soro_lab.scene import check_gains, load_scene
 from soro_ros.recordings.report import Summary
 from soro_ros.recordings.verdict import Verdict, advice, judge
+from soro_ros.run.end import End
 from tests.refused import refused, refused_keys
 from tests.soro_ros.running import run, summary
 
@@ -50,7 +51,7 @@ LEAK = {"at": 5.0, "fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0
     ],
 )
 def test_a_run_is_judged_by_its_figures(figures, keys, status, word, names):
-    verdict = judge(replace(GOOD, **figures), load_scene("track_circle", keys), status, "")
+    verdict = judge(replace(GOOD, **figures), load_scene("track_circle", keys), End(status))
     assert verdict.word == word
     assert all(name in verdict.reason for name in names)
     assert bool(verdict.reason) == bool(names)
@@ -71,7 +72,7 @@ def test_a_run_that_lateness_ended_has_an_advice(reason, keys, is_given):
 
 
 def test_a_run_without_a_recording_is_not_judged():
-    assert str(judge(None, load_scene("track_circle"), 0, "")) == "good: not judged: no tip was recorded"
+    assert str(judge(None, load_scene("track_circle"), End())) == "good: not judged: no tip was recorded"
 
 
 def gains_of(changes, **keys):

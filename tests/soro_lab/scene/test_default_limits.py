@@ -10,7 +10,7 @@ import yaml
 
 from soro_core.config import find_config
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.config import Pressures
+from soro_core.control.config import AllocationConfig
 from soro_core.errors import ConfigError
 from soro_core.safety import Limiter
 from soro_lab.scene import check_scene, load_scene
@@ -113,7 +113,7 @@ def test_a_controller_without_limits_has_the_range_of_its_robot(tmp_path):
     robot = scene(tmp_path, (-20e3, 180e3)).loaded_robot
     controller = Controller(robot)
     assert (controller.minimum_pa[0], controller.maximum_pa[0]) == (-20e3, 180e3)
-    stated = Controller(robot, ControllerConfig(pressures=Pressures(maximum_pa=50e3)))
+    stated = Controller(robot, ControllerConfig(pressures=AllocationConfig(maximum_pa=50e3)))
     assert stated.maximum_pa[0] == 50e3
 
 

@@ -34,11 +34,12 @@ class Evidence:
     Attributes
     ----------
     error, good : float
-        Tip error, RMS, and the largest one of a good run.
+        Tip error, RMS, NaN if unknown, and the largest one of a good run.
     controller, estimator : str
         What the nodes said last; empty for nothing.
     at_bound, at_slew : float
-        Part of the set points at a bound, and of their changes at a limit of rate.
+        Part of the set points at a bound, or that of the whole run where it was lost by them; part of their
+        changes at a limit of rate.
     bound : Bound
         The one that most of these set points are at.
     swing_hz : float
@@ -123,6 +124,10 @@ CAUSES = (
     PossibleCause(
         _when(lambda seen: seen.late > _LATE_PART, "{seen.late:.0%} of the cycles of the loop came too late"),
         _step("a machine that is less busy, a lower rate_hz, or --set mode=lockstep (docs/real_time.md)"),
+    ),
+    PossibleCause(
+        _when(lambda seen: math.isnan(seen.error), "its sensor, or the recording of it, was silent"),
+        _step("see with soro bag info RUN until when the tip was recorded"),
     ),
     PossibleCause(
         _when(

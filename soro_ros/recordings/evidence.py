@@ -48,14 +48,17 @@ def evidence_of(recording: RunRecording, scene: Scene, summary: report.Summary) 
     good = scene.verdict.good_part
     ticks = summary.duration_s * scene.rate_hz
     command = _last(recording.command, end_s)
+    at_bound, bounded = summary.saturated_last_part, command
+    if summary.saturated_part > max(scene.verdict.at_bound_part, at_bound):
+        at_bound, bounded = summary.saturated_part, report.within(recording.command, end_s)
     return Evidence(
         error=summary.tip_error_last_rms_m / length,
         good=good,
         controller=said.get("controller", ""),
         estimator=said.get("estimator", ""),
-        at_bound=summary.saturated_last_part,
+        at_bound=at_bound,
         at_slew=_at_slew(command, scene),
-        bound=binding_bound(command.value, scene),
+        bound=binding_bound(bounded.value, scene),
         swing_hz=swing_hz(_last(_away(recording), end_s), _period(scene), good * length),
         pressure_off=_pressure_off(command, _last(recording.reading, end_s)),
         estimator_error=summary.estimator_error_last_rms_m / length,

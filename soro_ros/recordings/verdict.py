@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -53,17 +54,20 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
     -------
     Verdict
     """
+    said = dict(end.said)
+    if recording is not None:
+        said = warnings_at(recording.said, min(scene.duration_s, _trip_s(recording)))
     if end.status == 2:
         found = Verdict("refused", end.error)
     elif end.status != 0 or (summary is not None and summary.faults):
-        found = Verdict("vented", _why_vented(summary, end.error, recording))
+        found = Verdict("vented", _why_vented(summary, end, said))
     elif end.recording_failure:
         found = Verdict("lost", f"not judged, because the recording has no end: {end.recording_failure}")
     else:
         found = _followed(summary, scene, recording)
     more = [line for line in end.warnings if line not in found.reason]
     reason = "; ".join(filter(None, (found.reason, *more)))
-    return replace(found, reason=reason, notes=_notes(recording, scene.duration_s))
+    return replace(found, reason=reason, notes=_notes(said))
 
 
 def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | None) -> Verdict:
@@ -83,14 +87,14 @@ def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | N
         if error > part * length:
             found.append(
                 f"tip error {1e3 * error:.1f} mm RMS in the last {WINDOW_S:g} s, {error / length:.1%} of the "
-                f"length, more than {part:.0%} ({1e3 * part * length:.1f} mm)"
+                f"length, more than {100 * part:g}% ({1e3 * part * length:.1f} mm)"
             )
     for what, part, most, found in (
         ("", summary.saturated_part, limits.at_bound_part, lost),
         (f" of the last {WINDOW_S:g} s", summary.saturated_last_part, AT_LIMIT_PART, poor),
     ):
         if part > most:
-            found.append(f"{part:.0%} of the set points{what} at a bound, more than {most:.0%}")
+            found.append(f"{part:.0%} of the set points{what} at a bound, more than {100 * most:g}%")
     if not (lost or poor):
         return Verdict("good")
     reason = "; ".join(lost or poor)
@@ -100,14 +104,13 @@ def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | N
     return Verdict("lost" if lost else "poor", reason)
 
 
-def _why_vented(summary: Summary | None, failure: str, recording: RunRecording | None) -> str:
+def _why_vented(summary: Summary | None, end: End, said: Mapping[str, str]) -> str:
     """Return the first cause of a vent: what ended the commands says it, not the limiter that missed them."""
     trips = "; ".join(summary.faults) if summary is not None else ""
-    if _NO_COMMANDS in (trips or failure):
-        said = {} if recording is None else warnings_at(recording.said, _trip_s(recording))
+    if _NO_COMMANDS in (trips or end.error):
         why = end_of_commands(said.get("controller", ""), said.get("estimator", ""))
-        return why or (failure if _NO_COMMANDS not in failure else "") or trips
-    return trips or failure or "interrupted"
+        return why or (end.error if _NO_COMMANDS not in end.error else "") or trips or end.error
+    return trips or end.error or "interrupted"
 
 
 def _trip_s(recording: RunRecording) -> float:
@@ -116,11 +119,8 @@ def _trip_s(recording: RunRecording) -> float:
     return min(trips, default=math.inf)
 
 
-def _notes(recording: RunRecording | None, duration_s: float) -> tuple[str, ...]:
-    """Return the warnings of the nodes that stand at the end of control, estimator and controller first."""
-    if recording is None:
-        return ()
-    said = warnings_at(recording.said, min(duration_s, _trip_s(recording)))
+def _notes(said: Mapping[str, str]) -> tuple[str, ...]:
+    """Return what the nodes say, those of controller and estimator first."""
     first = sorted(said, key=lambda node: (node not in ("controller", "estimator"), node))
     return tuple(f"{node}: {said[node].removeprefix(f'{node}: ')}" for node in first)
 

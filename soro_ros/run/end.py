@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 
 @dataclass(frozen=True)
@@ -19,9 +20,12 @@ class End:
         What happened to nodes without which the arm goes on.
     recording_failure : str
         Why the recording has no end; empty where it has one.
+    said : mapping of str to str
+        Warnings that stood, by node, for a run without a recording.
     """
 
     status: int = 0
     error: str = ""
     warnings: tuple[str, ...] = ()
     recording_failure: str = ""
+    said: Mapping[str, str] = field(default_factory=dict)

@@ -217,6 +217,7 @@ def execute(
                 is_refused = isinstance(failure, ConfigError) and not run.has_started
                 failed = failure.name if isinstance(failure, NodeError) else ""
                 console.print(f"[red]soro: {escape(str(failure))}[/red]", soft_wrap=True)
+            said = supervisor.warnings()
             if interrupted:
                 console.print("interrupted: venting and closing the bag")
             for name, line in run.end().items():
@@ -229,4 +230,4 @@ def execute(
         console.print(run.outcome(), soft_wrap=True)
     error = errors[0] if errors else ""
     status = 130 if interrupted else 2 if is_refused or run.refused else 1 if errors else 0
-    return End(status, error, tuple(run.warnings.values()), run.recording_failure)
+    return End(status, error, tuple(run.warnings.values()), run.recording_failure, said)

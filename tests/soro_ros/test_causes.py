@@ -25,6 +25,7 @@ ROWS = [
     ({"estimator": "no estimate: no good sample for 0.3 s"}, "no good sample", "sensors publish"),
     ({"controller": "no command: arm/state is of no arm"}, "no arm", "soro log"),
     ({"late": 0.03}, "3% of the cycles", "lockstep"),
+    ({"error": math.nan}, "its sensor, or the recording", "soro bag info"),
     ({"swing_hz": 2.34, "at_bound": 0.3}, "swings about its reference at 2.3 Hz", "controller.gains"),
     ({"at_bound": 0.21, "bound": LIMIT}, "limits.maximum_pa, 90 kPa,", "state another one"),
     ({"controller": "too much load: link0/chamber0 lacks 9 kPa"}, "lacks 9 kPa", "soro reach"),
@@ -157,6 +158,16 @@ def test_the_bound_that_binds_is_named_with_who_states_it(changes, level_pa, nam
     assert f"probable cause: {name} holds set points back" in found.reason
 
 
+def test_a_run_that_was_lost_at_a_bound_has_it_as_its_cause():
+    """Also if it was not there in the last 5 s."""
+    command = np.full((T.size, 3), 30e3)
+    command[(T > 1.0) & (T < 15.0)] = 90e3
+    found = judged(recorded(0.0 * STEADY, command))
+    assert found.word == "lost"
+    assert "70% of the set points at a bound, more than 50%" in found.reason
+    assert "pressure_range_pa of tue_three_bellow, 90 kPa, holds set points back" in found.reason
+
+
 def test_a_rate_and_a_valve_that_hold_back_are_named():
     """Up at 200 kPa/s, and slowly down; a pressure that stays below its set point."""
     command = 30e3 + 40e3 * np.column_stack([np.interp(T % 0.4, [0, 0.2, 0.4], [0, 1, 0])] * 3)
@@ -236,6 +247,15 @@ def test_a_node_that_ended_is_the_reason_of_a_vent():
     assert vented(failure="controller ended with status -9") == "controller ended with status -9"
     leak = "regulator: vented: leak: link0/chamber0"
     assert vented(("controller", 1, "no command: x"), failure=leak, trips=(leak,)) == leak
+
+
+def test_a_run_without_a_recording_has_what_the_nodes_said():
+    said = {"estimator": "no estimate: no good sample for 0.30 s", "controller": "active; late"}
+    found = judge(None, SCENE, End(1, TRIP, said=said))
+    assert found.reason == "estimator: no estimate: no good sample for 0.30 s"
+    assert found.notes == ("controller: active; late", f"estimator: {said['estimator']}")
+    assert judge(None, SCENE, End(said=said)).notes == found.notes
+    assert judge(None, SCENE, End(1, TRIP)).reason == TRIP
 
 
 def test_the_end_of_commands_is_unknown_without_words():

@@ -134,8 +134,8 @@ CAUSES = (
             lambda seen: seen.swing_hz > 0.0, "the tip swings about its reference at {seen.swing_hz:.1f} Hz"
         ),
         _step(
-            "lower controller.gains (soro gains shows them), or identify damping and dead time, which the "
-            "automatic ones are made of"
+            "lower controller.gains (soro gains shows them); the automatic ones are made of the robot file: "
+            f"{_IDENTIFY}"
         ),
     ),
     PossibleCause(

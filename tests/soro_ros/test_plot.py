@@ -307,7 +307,8 @@ class Page(HTMLParser):
 
 @pytest.mark.slow
 def test_the_page_of_a_run_stands_alone(tripped):
-    verdict = {"verdict": "vented", "reason": "regulator: vented: no command"}
+    note = "estimator: pose: NIS 5.0"
+    verdict = {"verdict": "vented", "reason": "regulator: vented: no command", "notes": [note]}
     (tripped / "summary.json").write_text(json.dumps(verdict))
     result = soro("report", tripped)
     assert result.exit_code == 0, result.output
@@ -326,6 +327,8 @@ def test_the_page_of_a_run_stands_alone(tripped):
             assert row[1:3] == [topic.type, str(count)]
     rows = {row[0]: row[1:] for row in page.cells if row}
     assert rows["measured pressures"][0].endswith("kPa")
+    assert [rows[name][0] for name in ("verdict", "reason", "notes")] == ["vented", verdict["reason"], note]
+    assert f"<li>{note}</li>" in text
     assert "controller:" in text
     assert rows["numpy"][1] == np.__version__
 

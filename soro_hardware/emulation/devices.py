@@ -68,7 +68,7 @@ class EmulatedDevices(ABC):
         self.on_tick: Callable[[int, Array, ValveAction], None] = lambda time_ns, pressures, action: None
         self.faults = Faults(seed, OF_THE_AIR | ON_BYTES | {"adapter_unplug"})
         self.faults.on_start["set_by_another"] = self._set_by_another
-        self._model, self._chambers, self._seed = platform.emulation.regulator, platform.chamber_names, seed
+        self._model, self._chambers, self._seed = platform.regulator, platform.chamber_names, seed
         self._step_ns = self._next_step_ns = round(platform.emulation.step_s * 1e9)
         self._on_lines: list[LineFaults] = []
 

@@ -149,7 +149,7 @@ def compare(latency: Latency, response: RegulatorModel, update_hz: float) -> lis
         off = abs(chamber.lag_s - response.tau_s) > LAG_PART * response.tau_s
         # Set points and readings may each wait for an exchange on the bus.
         off |= not -DEAD_S < chamber.dead_s - response.delay_s < DEAD_S + 2 * period_s
-        advice = "put delay_s and tau_s into emulation.regulator of the platform: the monitors use them"
+        advice = "put delay_s and tau_s under regulator in the platform file: the monitors use them"
         text = f"{found}; platform: {known}"
         name = f"{chamber.name}: response"
         findings.append(Finding(name, "warn", text, advice) if off else Finding(name, "ok", text))

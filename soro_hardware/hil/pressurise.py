@@ -47,7 +47,7 @@ def expectation(
     if config.steps_pa[-1] > platform.range.maximum_pa:
         top = f"set points up to the platform's {platform.range.maximum_pa:g} Pa"
         raise ConfigError("first pressurisation", "steps_pa", config.steps_pa[-1], top)
-    names, response = platform.chamber_names, platform.emulation.regulator
+    names, response = platform.chamber_names, platform.regulator
     bending = None if robot is None else _bending(robot, names, config.steps_pa)
     return Expectation(names, config.steps_pa, response, config.rise_pa_s, 1.0 / update_hz, bending)
 

@@ -175,7 +175,7 @@ def latency(
                 typer.echo(f"soro: {error}", err=True)
                 raise typer.Exit(130) from None
     found = evaluate(config, regulator.chamber_names, loaded.cycle_hz, runs)
-    findings = compare(found, loaded.emulation.regulator, min(loaded.cycle_hz, regulator.update_hz))
+    findings = compare(found, loaded.regulator, min(loaded.cycle_hz, regulator.update_hz))
     about, title = _about(platform, device or loaded.device), f"Latency of {platform}"
     show_rows(title, report.LATENCY_HEAD, report.latency_rows(found))
     typer.echo(

@@ -37,7 +37,7 @@ class OnAir(Regulator):
         self._sensors, self._setpoint = list(sensors), np.zeros(3)
         self.gone, self.vents = False, 0
         demands = [lambda n=n: float(self._setpoint[n]) for n in range(3)]
-        self.air = Air(described.emulation.regulator, demands, np.random.default_rng(1))
+        self.air = Air(described.regulator, demands, np.random.default_rng(1))
         self.faults = self.air.faults = Faults(1)
         self.faults.chambers = NAMES
 

@@ -47,7 +47,7 @@ def test_dead_time_and_lag_are_those_of_the_emulated_valves(on_can, figure):
         assert 0.010 <= chamber.moved.p50_s <= 0.020
         assert chamber.t63_up_s == pytest.approx(0.0575, abs=0.0076)
         assert chamber.t63_down_s == pytest.approx(0.0575, abs=0.0076)
-    assert all(finding.level == "ok" for finding in compare(found, platform().emulation.regulator, 200.0))
+    assert all(finding.level == "ok" for finding in compare(found, platform().regulator, 200.0))
 
 
 def test_steps_are_small_one_at_a_time_and_within_one_cycle(on_can):

@@ -318,7 +318,7 @@ def test_configure_waits_for_a_port_that_comes_back(tmp_path):
 
 
 def test_no_supervisor_in_lockstep_or_where_it_is_switched_off():
-    bench = SerialBench(itv(1, emulation=quiet()))
+    bench = SerialBench(itv(1, **quiet()))
     bench.driver.configure()
     assert bench.driver.supervisor is None
     assert not bench.driver.device_watchdog

@@ -22,7 +22,8 @@ from tests.refused import fails
 
 ONE = {
     "valves": [{"chamber": "link0/chamber0", "slot": 1, "valve": 0}],
-    "emulation": {"boot_s": 0.0, "app_start_s": 0.005, "regulator": {"reading_noise_pa": 0.0}},
+    "emulation": {"boot_s": 0.0, "app_start_s": 0.005},
+    "regulator": {"reading_noise_pa": 0.0},
 }
 
 SLOT = "link0/chamber0, link0/chamber1 (slot 0)"
@@ -381,7 +382,7 @@ def test_the_process_beside_it_is_told_whether_the_arm_was_seen_empty(bench, pre
 
 @pytest.mark.parametrize("pressure_pa", [0.0, 1.9e3, 2.1e3, 30e3])
 def test_the_second_process_asks_for_inputs_that_show_an_empty_arm(pressure_pa):
-    bench = VtemBench(vtem_platform(emulation={"regulator": {"reading_noise_pa": 0.0, "hysteresis_pa": 0.0}}))
+    bench = VtemBench(vtem_platform(regulator={"reading_noise_pa": 0.0, "hysteresis_pa": 0.0}))
     bench.driver.configure()
     bench.run(200, pressure_pa)
     zero, read = bench.driver.vent_plan().steps

@@ -188,7 +188,7 @@ def test_in_lockstep_a_controller_that_learns_waits_for_the_covariance(domain):
 
 
 def test_what_is_learned_is_told_again_before_the_filter_forgets_it(domain):
-    fixed = "control.adapt:=false", "control.law_options.uneven:=false"
+    fixed = "control.adapt:=false", "control.law_options.nonuniform_strain:=false"
     with active(ControllerNode, "control.law:=composite", "enabled:=true", *fixed) as node:
         sent, zero = captured(node, "arm/learned"), np.zeros(3)
         first_ns = node.get_clock().now().nanoseconds

@@ -9,15 +9,17 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learner import Learner, LearnerState, Sample
 from soro_core.adaptation.nonuniform_force import UnevenForce
 from soro_core.arrays import Array
+from soro_core.config import with_renamed
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
 from soro_core.control.nonuniform_strain import Uneven, UnevenShape, bends_unevenly
@@ -32,7 +34,12 @@ _SAMPLE_S = 0.004
 class CompositeOptions(LearnerConfig, LawOptions):
     """Keys of the law: those of its learner, and what it knows of the bend."""
 
-    uneven: bool = Field(True, description="a load bends links of constant strain non-uniformly")
+    nonuniform_strain: bool = Field(True, description="a load bends links of constant strain non-uniformly")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _renamed(cls, data: Any) -> Any:
+        return with_renamed(data, {"uneven": "nonuniform_strain"})
 
 
 @dataclass(frozen=True)
@@ -78,7 +85,7 @@ class Composite(Law[CompositeState]):
         self.learner = Learner(setting.arm, options, setting.pieces)
         # What the inverse of the regulators' lag leaves of it [s].
         self.lag_s = max(setting.pressures.preview_s - setting.pressures.dead_time_s, 0.0)
-        bends = options.uneven and bends_unevenly(setting.arm)
+        bends = options.nonuniform_strain and bends_unevenly(setting.arm)
         self.uneven = Uneven(setting.arm, setting.pieces) if bends else None
         names = setting.arm.robot.coordinate_names
         weights = [f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names))]

@@ -67,7 +67,7 @@ class Rig:
         """Time [s] in which the model of the air vents."""
         if self.vent_s is not None:
             return self.vent_s(from_pa, to_pa, slower)
-        model = self.platform.emulation.regulator
+        model = self.platform.regulator
         return vent_time(model.model_copy(update={"tau_s": model.tau_s * slower}), from_pa, to_pa)
 
 

@@ -97,7 +97,7 @@ def platform(folder, **changes):
     regulator = {"tau_s": 0.2, "delay_s": 0.03, **changes}
     file.write_text(
         "family: canopen_408\ntransport: {kind: slcan}\nvalves: [{chamber: link0/chamber0, node: 1}]\n"
-        f"range: {{maximum_pa: 50e3}}\ncycle_hz: 200.0\nemulation: {{regulator: {regulator}}}\n"
+        f"range: {{maximum_pa: 50e3}}\ncycle_hz: 200.0\nregulator: {regulator}\n"
     )
     return str(file)
 

@@ -176,7 +176,9 @@ def test_a_plan_takes_it_where_the_path_is():
 
 
 def test_without_the_key_the_law_has_none():
-    config = parse({"law": "composite", "law_options": {"uneven": False}}, ControllerConfig, "test")
+    config = parse(
+        {"law": "composite", "law_options": {"nonuniform_strain": False}}, ControllerConfig, "test"
+    )
     controller = Controller(ROBOT, config)
     zero = np.zeros(3)
     force = controller.law.reference_force(controller.law.initial_state(), BENT, zero, zero)

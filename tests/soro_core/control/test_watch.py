@@ -90,7 +90,9 @@ def test_the_air_of_a_fallen_arm_goes_until_the_controller_starts_anew():
 
 @pytest.mark.parametrize("what", ["q", "pressure", "covariance"])
 def test_what_is_not_finite_is_counted_and_the_last_model_kept(what):
-    control = controller("composite", uneven=False)  # what the model knows of the bend follows the reference
+    control = controller(
+        "composite", nonuniform_strain=False
+    )  # what the model knows of the bend follows the reference
     sure = Certainty(1e-8 * np.eye(6), True)
     state, command = run(control, 1.0, certainty=sure)
     theta = command.learned.theta
@@ -111,4 +113,4 @@ def test_what_is_not_finite_is_counted_and_the_last_model_kept(what):
 
 
 def test_nothing_is_learned_of_a_filter_that_is_lost():
-    assert not run(controller("composite", uneven=False), 1.0)[1].learned.theta.any()
+    assert not run(controller("composite", nonuniform_strain=False), 1.0)[1].learned.theta.any()

@@ -211,7 +211,7 @@ def test_limits_ranges_and_ratings_follow_the_pressures(low, high, tmp_path):
     scene = load_scene(made.scene)
     assert scene.loaded_robot.pressure_range_pa == (1e3 * low, 1e3 * high)
     platform, lowest = scene.loaded_platform, min(1e3 * low, 0.0)
-    regulator = platform.emulation.regulator
+    regulator = platform.regulator
     for lower, upper in (
         (platform.range.minimum_pa, platform.range.maximum_pa),
         (scene.limits.minimum_pa, scene.limits.maximum_pa),

@@ -80,7 +80,7 @@ TICKS = 301  # 1.5 s at 200 Hz, from 0 on
 
 @pytest.fixture(scope="module")
 def held_up(tmp_path_factory):
-    """The folder of a short run of `set_points`, without valves, whose recorder stood still half of the time."""
+    """The folder of a short run of `set_points` without valves; its recorder stood still half of the time."""
     folder = tmp_path_factory.mktemp("held_up")
     with own_domain(tmp_path_factory.mktemp("state")):
         clock = ClockListener()

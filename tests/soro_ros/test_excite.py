@@ -87,7 +87,8 @@ def test_an_excitation_on_emulated_valves_is_done_and_recorded(domain, tmp_path,
         assert np.abs(read.mean(axis=0) - up).max() < 2e3
         assert end - t <= one["longest_s"] * 3.0
     assert len(bag.pose) >= 100 * begins[-1] - 1  # the vent at the end has some more
-    assert not bag.command[-1, 1:].any()
+    assert not bag.command[bag.command[:, 0] >= begins[-2], 1:].any()
+    assert bag.reading[-1, 1:].max() < 2e3
     assert summary["duration_s"] == pytest.approx(begins[-1], abs=0.01)
     rates = np.diff(bag.command[:, 1:], axis=0) / np.diff(bag.command[:, :1], axis=0)
     assert rates.max() <= 200e3
@@ -109,9 +110,6 @@ def test_a_trip_of_the_limiter_ends_the_excitation(domain, tmp_path):
     assert 1.5 < summary["duration_s"] < 6.0
     assert summary["sections_done"] < summary["sections"]
     bag = Bag(folder)
-    assert [stage for _, stage, _ in bag.sections][-2:] == ["venting", "over"]
-    assert not bag.command[bag.command[:, 0] >= bag.sections[-2][0], 1:].any()
-    assert bag.reading[-1, [1, 2]].max() < 2e3  # the third one is silent
     first = bag.command[bag.command[:, 1:].any(axis=1), 0][0]
     assert first < 1.5
 

@@ -24,7 +24,7 @@ from soro_core.control.motions.motion import Planner
 from soro_core.control.motions.obstacles import obstacles_of
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
-from soro_core.control.pressures.actuation import CompletePressures, complete_pressures
+from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, with_own_range
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.reference.active_reference import follow, reference_ahead
 from soro_core.control.reference.trajectory import Point, Reference
@@ -49,8 +49,8 @@ class Controller(GivenReferences):
     model : Discretisation
         Discretisation of the robot; the attributes `arm` and `robot` are the discretised ones.
     pressures : CompletePressures, optional
-        The section of that name with what limits and regulators add; default: as
-        `soro_core.control.pressures.actuation.complete_pressures` has it without them.
+        The section of that name with what limits and regulators add; default: the range of the robot, and
+        as `soro_core.control.pressures.actuation.complete_pressures` has it without them.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class Controller(GivenReferences):
         pressures: CompletePressures | None = None,
     ) -> None:
         self.config = config = config or ControllerConfig()
-        self.pressures = pressures or complete_pressures(config.pressures)
+        self.pressures = pressures or complete_pressures(with_own_range(config.pressures, robot))
         require_chambers(robot, "controller")
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot

@@ -1,1 +1,1 @@
-"""The probe before control: each chamber alone to a small pressure, and what its answer says of wiring and base."""
+"""The probe before control: each chamber alone to a small pressure, and what the answers say."""

@@ -69,7 +69,7 @@ def _dead_time_s(t_s: Array, command_pa: Array, reading_pa: Array, declared_s: f
     if near.size < _LEAST_SAMPLES:
         return None
     misfits = _misfits(t_s, command_pa, near, reading_pa[near])
-    allowed = _TRIED_S <= _FACTOR * declared_s + _BESIDE_S
+    allowed = _FACTOR * declared_s + _BESIDE_S >= _TRIED_S
     best = int(np.argmin(misfits))
     late = not allowed[best] and misfits[allowed].min() > _WORSE * misfits[best]
     return float(_TRIED_S[best]) if late else None

@@ -11,11 +11,14 @@ import numpy as np
 
 from soro_core.control.probing.wiring import HeldState, WiringFit, WiringModel
 
+STOP: Literal["stop"] = "stop"
 FAIL: Literal["fail"] = "fail"
 WARN: Literal["warn"] = "warn"
 
-# Part of the motion by pressure that a wiring may leave, and how much better another one must be.
-_MISSED, _BETTER = 0.3, 3.0
+# How much worse the wiring of the file must be than another one: by so much, and by this factor.
+_WORSE, _BETTER = 25.0, 3.0
+# Part of the motions that the wiring of the file may leave.
+_MISSED = 0.4
 # Gains by their link's mean that are no longer that of the file: warning, failure; and deviations.
 _GAIN_WARN, _GAIN_FAIL, _DEVIATIONS = 0.15, 0.25, 3.0
 # Tilts [deg]: warning, failure.
@@ -28,7 +31,8 @@ class ProbeFinding:
 
     Attributes
     ----------
-    level : {"fail", "warn"}
+    level : {"stop", "fail", "warn"}
+        stop: the probe had to end before its end.
     found : str
         What was seen.
     step : str
@@ -37,7 +41,7 @@ class ProbeFinding:
         What looks alike.
     """
 
-    level: Literal["fail", "warn"]
+    level: Literal["stop", "fail", "warn"]
     found: str
     step: str
     causes: tuple[str, ...] = ()
@@ -68,7 +72,7 @@ def judge_answers(
     fits = model.fits(states, between)
     own = next(one for one in fits if one.wiring == tuple(range(len(names))))
     best = fits[0]
-    if own.missed > _MISSED and best.missed < _MISSED and best.cost < own.cost / _BETTER:
+    if own.cost - best.cost > _WORSE and best.cost < own.cost / _BETTER:
         return [_wiring(names, best)]
     if own.missed > _MISSED:
         text = "the arm answers in directions that no wiring of the chambers explains"
@@ -81,7 +85,7 @@ def judge_answers(
 def _wiring(names: Sequence[str], fit: WiringFit) -> ProbeFinding:
     moved = [f"{names[k]} acts as {names[n]}" for k, n in enumerate(fit.wiring) if k != n]
     text = f"chambers are {'swapped' if len(moved) == 2 else 'rotated'}: {', '.join(moved)}"
-    causes = ("tubes", "the order of valves in the platform file")
+    causes: tuple[str, ...] = ("tubes", "the order of valves in the platform file")
     if len(moved) > 2:
         causes = (*causes, "a frame of the pose sensor or a base_quaternion turned about the arm's axis")
     return ProbeFinding(FAIL, text, "swap the tubes, or correct the file", causes)
@@ -99,9 +103,7 @@ def _tilt(fit: WiringFit) -> list[ProbeFinding]:
     return [ProbeFinding(level, text, "level the base, or state base_quaternion or the rest shape", causes)]
 
 
-def _gains(
-    model: WiringModel, names: Sequence[str], fit: WiringFit
-) -> list[ProbeFinding]:
+def _gains(model: WiringModel, names: Sequence[str], fit: WiringFit) -> list[ProbeFinding]:
     """Return a finding for each chamber that differs from the others of its link."""
     found = []
     for link in model.links:
@@ -121,6 +123,8 @@ def _gains(
     # One weak chamber makes the others of its link look strong.
     size, k, away = max(found)
     level = FAIL if size > _GAIN_FAIL else WARN
-    text = f"{names[k]} gives {1.0 + away:.2f} of the force that the others of its link give by the robot file"
+    text = (
+        f"{names[k]} gives {1.0 + away:.2f} of the force that the others of its link give by the robot file"
+    )
     causes = ("a leak or a kinked line", "another chamber than in the file") if away < 0.0 else ()
     return [ProbeFinding(level, text, "look at this chamber, or identify the arm again", causes)]

@@ -1,21 +1,20 @@
-"""How the probe presses each chamber: pressures within the limits of motion, times from the arm's first mode."""
+"""How the probe presses each chamber: within the limits of motion, as long as the first mode needs."""
 
 from __future__ import annotations
 
 import contextlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.control.pressures.actuation import pressure_bounds
+from soro_core.control.motion_config import EnableBounds
+from soro_core.control.pressures.actuation import CompletePressures, pressure_bounds
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium, stable_equilibrium
-
-if TYPE_CHECKING:
-    from soro_core.control.controller import Controller
+from soro_core.robot.coordinates import StrainFields
 
 # The ends of the links are to move by this part of the length.
 MOVES_PART = 0.12
@@ -29,6 +28,31 @@ _HALVINGS, _LEAST_PA = 6, 500.0
 _SLOWEST, _SHORTEST_S, _LONGEST_S = 5.0, 0.2, 2.0
 # Lags until a pressure counts as settled.
 _LAGS = 3.0
+
+
+class ProbedArm(NamedTuple):
+    """What is known of the arm before the probe.
+
+    Attributes
+    ----------
+    arm, fields : SoftArm, StrainFields
+        Model and its strains.
+    limit : ndarray (n_q,)
+        Largest absolute strains: the limits of motion.
+    pressures : CompletePressures
+        Range, rates, lag and dead time.
+    heaviest_kg : float
+        Largest load that the arm may carry [kg].
+    bounds : EnableBounds
+        What counts as empty.
+    """
+
+    arm: SoftArm
+    fields: StrainFields
+    limit: Array
+    pressures: CompletePressures
+    heaviest_kg: float
+    bounds: EnableBounds
 
 
 @dataclass(frozen=True)
@@ -70,50 +94,50 @@ class ProbePlan:
         return (len(self.names) + 3) * (self.rise_s + self.settle_s + self.window_s)
 
 
-def plan_probe(controller: Controller) -> ProbePlan:
-    """Return the plan for the arm of a controller.
+def plan_probe(known: ProbedArm) -> ProbePlan:
+    """Return the plan for an arm.
 
     Raises
     ------
     ConfigError
         If no pressure above 0 keeps the arm within the limits of motion under every load.
     """
-    arm, known = controller.arm, controller.pressures
-    heaviest = controller.law.heaviest_kg()
-    rests = [(part * heaviest, q) for part in _LOADS if (q := _rest(controller, part * heaviest)) is not None]
-    _, high = pressure_bounds(known, arm.robot)
-    ceiling = np.array([_ceiling(controller, k, high, rests) for k in range(arm.n_u)])
+    arm, pressures = known.arm, known.pressures
+    loads = [part * known.heaviest_kg for part in _LOADS]
+    rests = [(load, q) for load in loads if (q := _rest(known, load)) is not None]
+    _, high = pressure_bounds(pressures, arm.robot)
+    ceiling = np.array([_ceiling(known, k, high, rests) for k in range(arm.n_u)])
     mode_s = _first_mode_s(arm, rests)
-    rise_s = 0.3 * mode_s + _LAGS * known.lag_s
+    rise_s = 0.3 * mode_s + _LAGS * pressures.lag_s
     return ProbePlan(
         names=arm.robot.chamber_names,
         ceiling_pa=ceiling,
         moves_m=MOVES_PART * arm.length,
-        limit=controller.limit,
+        limit=known.limit,
         rise_s=rise_s,
-        settle_s=known.dead_time_s + _LAGS * known.lag_s + 0.4 * mode_s,
+        settle_s=pressures.dead_time_s + _LAGS * pressures.lag_s + 0.4 * mode_s,
         window_s=0.5 * mode_s,
-        rise_pa_s=known.rise_pa_s,
-        fall_pa_s=known.fall_pa_s,
-        dead_time_s=known.dead_time_s,
+        rise_pa_s=pressures.rise_pa_s,
+        fall_pa_s=pressures.fall_pa_s,
+        dead_time_s=pressures.dead_time_s,
     )
 
 
-def _rest(controller: Controller, load_kg: float) -> Array | None:
+def _rest(known: ProbedArm, load_kg: float) -> Array | None:
     """Return the rest under a load; None where there is none within the limits of motion."""
     with contextlib.suppress(ModelError):
-        q = stable_equilibrium(controller.arm, np.zeros(controller.arm.n_u), None, load_kg)
-        return q if _is_within(controller, q) else None
+        q = stable_equilibrium(known.arm, np.zeros(known.arm.n_u), None, load_kg)
+        return q if _is_within(known, q) else None
     return None
 
 
-def _is_within(controller: Controller, q: Array) -> bool:
-    return bool((controller.fields.peaks(q) <= _STRAIN_PART * controller.limit).all())
+def _is_within(known: ProbedArm, q: Array) -> bool:
+    return bool((known.fields.peaks(q) <= _STRAIN_PART * known.limit).all())
 
 
-def _ceiling(controller: Controller, chamber: int, high_pa: float, rests: list[tuple[float, Array]]) -> float:
+def _ceiling(known: ProbedArm, chamber: int, high_pa: float, rests: list[tuple[float, Array]]) -> float:
     """Return the pressure that moves the empty model by `MOVES_PART`, and under no load too far."""
-    arm = controller.arm
+    arm = known.arm
     one = np.eye(arm.n_u)[chamber]
     pressure = high_pa
     for _ in range(3):  # towards the way that is wanted; the answer is not quite linear
@@ -123,7 +147,7 @@ def _ceiling(controller: Controller, chamber: int, high_pa: float, rests: list[t
             continue
         pressure *= 0.5
     for _ in range(_HALVINGS):
-        if all(_stays(controller, pressure * one, load, q) for load, q in rests):
+        if all(_stays(known, pressure * one, load, q) for load, q in rests):
             return pressure
         pressure *= 0.5
         if pressure < _LEAST_PA:
@@ -136,10 +160,10 @@ def _ceiling(controller: Controller, chamber: int, high_pa: float, rests: list[t
     )
 
 
-def _stays(controller: Controller, pressure: Array, load_kg: float, rest: Array) -> bool:
+def _stays(known: ProbedArm, pressure: Array, load_kg: float, rest: Array) -> bool:
     """Whether the model stays within the limits; where it has no balance, a smaller pressure has."""
     try:
-        return _is_within(controller, stable_equilibrium(controller.arm, pressure, rest, load_kg))
+        return _is_within(known, stable_equilibrium(known.arm, pressure, rest, load_kg))
     except ModelError:
         return False
 
@@ -166,7 +190,9 @@ def _period_s(arm: SoftArm, load_kg: float, q: Array) -> float:
     def force(at: Array) -> Array:
         return arm.elastic_force(at) + arm.gravity_force(at) + load_kg * arm.tip_mass_force(at, none, none)
 
-    slope = np.column_stack([(force(q + step * e) - force(q - step * e)) / (2 * step) for e in np.eye(arm.n_q)])
+    slope = np.column_stack(
+        [(force(q + step * e) - force(q - step * e)) / (2 * step) for e in np.eye(arm.n_q)]
+    )
     mass = arm.inertia_matrix(q) + load_kg * np.column_stack(
         [arm.tip_mass_force(q, none, e) - arm.tip_mass_force(q, none, none) for e in np.eye(arm.n_q)]
     )

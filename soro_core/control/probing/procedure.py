@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.probing.dead_time import judge_dead_time
-from soro_core.control.probing.findings import FAIL, ProbeFinding, judge_answers
-from soro_core.control.probing.plan import ProbePlan, plan_probe, way
+from soro_core.control.probing.findings import FAIL, STOP, ProbeFinding, judge_answers
+from soro_core.control.probing.plan import ProbedArm, plan_probe, way
 from soro_core.control.probing.wiring import HeldState, WiringModel
-
-if TYPE_CHECKING:
-    from soro_core.control.controller import Controller
 
 Phase: TypeAlias = Literal["rest", "trial", "press", "fall", "done"]
 Between: TypeAlias = Callable[[], None]
@@ -87,7 +84,9 @@ class ProbeState:
     held : tuple of HeldState
         Of rest and of each chamber.
     findings : tuple of ProbeFinding
-        What is known so far; complete when done.
+        Empty until the end.
+    lenient : bool
+        Whether what the answers say only warns.
     """
 
     setpoint_pa: Array
@@ -99,15 +98,33 @@ class ProbeState:
     row: Row | None = None
     held: tuple[HeldState, ...] = ()
     findings: tuple[ProbeFinding, ...] = ()
+    lenient: bool = False
 
     @property
     def done(self) -> bool:
         """Whether the set points are 0 again and the findings complete."""
         return self.phase == "done"
 
+    @property
+    def refusal(self) -> str:
+        """Why the law must not begin; empty while nothing speaks against it."""
+        levels = (STOP,) if self.lenient else (STOP, FAIL)
+        return "; ".join(str(one) for one in self.findings if one.level in levels)
+
+    @property
+    def said(self) -> str:
+        """All findings."""
+        return "; ".join(str(one) for one in self.findings)
+
 
 class Probe:
-    """The probe of one controller.
+    """The probe of one arm.
+
+    Parameters
+    ----------
+    known : ProbedArm
+    lenient : bool
+        Whether what the answers say only warns; what ends the probe before its end always refuses.
 
     Raises
     ------
@@ -115,14 +132,14 @@ class Probe:
         If no pressure is within the limits of motion.
     """
 
-    def __init__(self, controller: Controller) -> None:
-        self._controller = controller
-        self.plan: ProbePlan = plan_probe(controller)
-        self._model = WiringModel(controller.arm, controller.law.heaviest_kg())
+    def __init__(self, known: ProbedArm, lenient: bool = False) -> None:
+        self._known, self._lenient = known, lenient
+        self.plan = plan_probe(known)
+        self._model = WiringModel(known.arm, known.heaviest_kg)
 
     def initial_state(self) -> ProbeState:
         """Return the state before the first tick."""
-        return ProbeState(np.zeros(len(self.plan.names)))
+        return ProbeState(np.zeros(len(self.plan.names)), lenient=self._lenient)
 
     def step(
         self, state: ProbeState, sample: ProbeSample, between: Callable[[], None] = lambda: None
@@ -144,7 +161,7 @@ class Probe:
         if np.isnan(state.begun_s):
             state = replace(state, begun_s=sample.t_s)
         if trouble := self._trouble(state, sample):
-            return _ended(state, (*state.findings, ProbeFinding(FAIL, *trouble)))
+            return _ended(state, (ProbeFinding(STOP, *trouble),))
         state = replace(state, row=Row(sample, state.setpoint_pa, state.row))
         state = _PHASES[state.phase](self, state, sample, between)
         assert state.row is not None
@@ -157,7 +174,7 @@ class Probe:
             return f"a sample is not finite {at}", "look at the sensors"
         if state.row is not None and not 0.0 < (gap_s := sample.t_s - state.row.sample.t_s) <= _GAP_S:
             return f"no estimate of the arm for {gap_s:.2f} s {at}", "look at sensors and estimator"
-        peaks = self._controller.fields.peaks(sample.q)
+        peaks = self._known.fields.peaks(sample.q)
         if sample.t_s - state.begun_s > _FOUND_S and (peaks > self.plan.limit).any():
             return f"the arm is bent beyond the limits of motion {at}", "look at load, robot file and sensors"
         return None
@@ -168,32 +185,34 @@ class Probe:
         return f"with {self.plan.names[state.chamber]} at {1e-3 * float(state.setpoint_pa.max()):.1f} kPa"
 
     def _rest(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
-        plan, config = self.plan, self._controller.config.enable
+        plan, config = self.plan, self._known.bounds
         if sample.t_s - state.begun_s < _FOUND_S + plan.window_s:
             return state
         rows = _since(state.row, sample.t_s - plan.window_s)
         held = _held(rows)
-        moved = max(way(self._controller.arm, row.sample.q, held.q) for row in rows)
-        if moved > _STILL_PART * self._controller.arm.length and sample.t_s - state.begun_s < _FOUND_S + _REST_S:
+        moved = max(way(self._known.arm, row.sample.q, held.q) for row in rows)
+        if moved > _STILL_PART * self._known.arm.length and sample.t_s - state.begun_s < _FOUND_S + _REST_S:
             return state
         worst = int(np.argmax(np.abs(held.pressure_pa)))
         if abs(held.pressure_pa[worst]) > config.pressure_pa:
-            found = f"the arm is not empty: {plan.names[worst]} is at {1e-3 * held.pressure_pa[worst]:.1f} kPa"
-            return _ended(state, (ProbeFinding(FAIL, found, "vent it first"),))
-        if moved > _STILL_PART * self._controller.arm.length:
+            found = (
+                f"the arm is not empty: {plan.names[worst]} is at {1e-3 * held.pressure_pa[worst]:.1f} kPa"
+            )
+            return _ended(state, (ProbeFinding(STOP, found, "vent it first"),))
+        if moved > _STILL_PART * self._known.arm.length:
             found = f"the arm moves: {1e3 * moved:.1f} mm within {plan.window_s:.1f} s without pressure"
-            return _ended(state, (ProbeFinding(FAIL, found, "wait until it rests, and enable again"),))
+            return _ended(state, (ProbeFinding(STOP, found, "wait until it rests, and enable again"),))
         return replace(state, phase="trial", chamber=0, begun_s=sample.t_s, held=(held,))
 
     def _trial(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
-        """Press the first chamber a little: the answer shows how much a load leaves of the arm's stiffness."""
+        """Press the first chamber a little: it shows how much a load leaves of the arm's stiffness."""
         plan, elapsed_s = self.plan, sample.t_s - state.begun_s
         state = self._towards(state, 0, TRIAL * float(plan.ceiling_pa[0]) * min(elapsed_s / plan.rise_s, 1.0))
         if elapsed_s < plan.rise_s + plan.settle_s + plan.window_s:
             return state
         # Two pressures of one chamber show how stiffness and load share what is left.
         state = replace(state, held=(*state.held, _held(_since(state.row, sample.t_s - plan.window_s))))
-        moved = way(self._controller.arm, sample.q, state.held[0].q)
+        moved = way(self._known.arm, sample.q, state.held[0].q)
         part = float(np.clip(TRIAL * plan.moves_m / max(moved, 1e-9), _LEAST_PART, 1.0))
         return replace(state, phase="press", begun_s=sample.t_s, from_pa=state.setpoint_pa[0], part=part)
 
@@ -218,11 +237,13 @@ class Probe:
         if risen_pa[chamber] >= _FOLLOWS * top_pa - _ERROR_PA:
             return None
         names, other = self.plan.names, int(np.argmax(risen_pa))
-        found = f"{names[chamber]} reads {1e-3 * risen_pa[chamber]:.1f} kPa at a set point of {1e-3 * top_pa:.1f}"
+        found = (
+            f"{names[chamber]} reads {1e-3 * risen_pa[chamber]:.1f} kPa at a set point of {1e-3 * top_pa:.1f}"
+        )
         if other != chamber and risen_pa[other] > _FOLLOWS * top_pa:
             found += f", and {names[other]} reads {1e-3 * risen_pa[other]:.1f}"
         step = "look at the valve, its line and its sensor: soro hil first-pressure"
-        return ProbeFinding(FAIL, found, step)
+        return ProbeFinding(STOP, found, step)
 
     def _towards(self, state: ProbeState, chamber: int, wanted_pa: float) -> ProbeState:
         """Return the state with one set point on its way to a pressure, and the others on theirs to 0."""
@@ -239,13 +260,13 @@ class Probe:
         state = self._towards(state, -1, 0.0)
         if sample.t_s - state.begun_s < plan.settle_s + plan.window_s:
             return state
-        rows = [row for row in _back(state.row)][::-1]
+        rows = list(_back(state.row))[::-1]
         t = np.array([row.sample.t_s for row in rows])
         command = np.array([row.setpoint_pa for row in rows])
         reading = np.array([row.sample.pressure_pa for row in rows])
         late = judge_dead_time(plan.names, t, command, reading, plan.dead_time_s, between)
         found = judge_answers(self._model, plan.names, state.held, between)
-        return _ended(state, (*state.findings, *found, *late))
+        return _ended(state, (*found, *late))
 
 
 _PHASES = {"rest": Probe._rest, "trial": Probe._trial, "press": Probe._press, "fall": Probe._fall}

@@ -4,8 +4,8 @@ In each state that the arm has been held in, the forces of the model balance:
 
     s f_e(q) + m Y(q) + G(q) + M dqd/T + R dq/T + A(q) tilt = sum_j g_j H(q) p_j
 
-They are linear in the stiffness s and the load m, which are not known, in the gain g_j of each chamber and in a
-tilt of the base: one least-squares problem for each way in which the chambers may be wired. A gain that all
+They are linear in the stiffness s and the load m, which are not known, in the gain g_j of each chamber and in
+a tilt of the base: one least-squares problem for each way in which the chambers may be wired. A gain that all
 chambers share cannot be told from s and m: the mean of the gains is that of the file.
 """
 
@@ -34,7 +34,9 @@ _SOFTEST = 0.3
 # Difference [rad] for the derivative by the tilt.
 _STEP = 1e-3
 # Sum of squares for each state from which on deviations are larger.
-_SPREAD = 3.0
+_SPREAD = 5.0
+# Part of the square of the elastic motion that counts beside that by pressure: it is large where an arm leans.
+_STIFF = 0.1
 # Least motion that counts as one by pressure [m].
 _LEAST_M = 1e-9
 # Deviation [kg] of a load that is at its bound.
@@ -71,7 +73,7 @@ class WiringFit:
     cost : float
         Sum of squares of what is left and of what differs from the expectation, in deviations.
     missed : float
-        What is left of the motions, by those that the pressures make.
+        What is left of the motions, by those that pressures make and the elastic arm resists.
     stiffness, load_kg : float
         Stiffness by that of the file, and load at the tip [kg].
     tilt : ndarray (2,)
@@ -189,11 +191,12 @@ class WiringModel:
         )
         unknown = weight @ np.column_stack([arm.elastic_force(q), load, *tilt])
         made = np.linalg.norm(weight @ arm.pressure_force(q, state.pressure_pa))
-        std = _SEEN * arm.length + _ELASTIC * np.linalg.norm(unknown[:, 0]) + _PRESSED * made
+        elastic = np.linalg.norm(unknown[:, 0])
+        std = float(_SEEN * arm.length + _ELASTIC * elastic + _PRESSED * made)
         return _Rows(unknown / std, pressed / std, weight @ (arm.gravity_force(q) + moving) / std, std)
 
     def _motions(self, q: Array) -> tuple[Array, Array]:
-        """Return the motions of the ends of all links by forces (n, n_q), and q that a turned base looks like.
+        """Return how forces move the ends of all links (n, n_q), and q (n_q, 2) that a turned base looks like.
 
         Motions are those of the elastic arm, as positions [m] and rotations times half its length [m].
         """
@@ -228,16 +231,17 @@ class WiringModel:
         for one, gains in zip(rows, chosen, strict=True):
             residual = one.unknown @ x[:4] + gains @ x[4:] + one.known
             left_m += one.std_m**2 * float(residual @ residual)
-            moved_m += one.std_m**2 * float(np.sum((gains @ np.ones(n)) ** 2))
+            elastic = _STIFF * float(np.sum(one.unknown[:, 0] ** 2))
+            moved_m += one.std_m**2 * (elastic + float(np.sum((gains @ np.ones(n)) ** 2)))
         missed = float(np.sqrt(left_m / max(moved_m, _LEAST_M**2)))
         fitted = float(x[0]), float(x[1]), x[2:4], tilt_std, x[4:], covariance[4:, 4:]
         return WiringFit(wiring, cost, missed, *fitted)
 
 
 def _solve(left: Array, right: Array, mean: Array, std: Array) -> tuple[Array, Array, float]:
-    """Return x with ``left x = right`` in the least-squares sense and near a mean, its covariance, the cost."""
+    """Return the x nearest to ``left x = right`` and to a mean, its covariance, and the cost."""
     left, right = np.vstack([left, np.diag(1.0 / std)]), np.append(right, mean / std)
-    covariance = np.linalg.inv(left.T @ left)
+    covariance = np.asarray(np.linalg.inv(left.T @ left), dtype=np.float64)
     x = covariance @ (left.T @ right)
     return x, covariance, float(np.sum((left @ x - right) ** 2))
 

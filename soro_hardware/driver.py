@@ -19,10 +19,9 @@ import numpy as np
 
 from soro_core.arrays import Array, Flags
 from soro_core.errors import HardwareError
-from soro_hardware.latch import Latch
+from soro_hardware.latch import Latch, Lateness
 from soro_hardware.platform import PlatformBase, ReadingAge
 from soro_hardware.port import EMPTY_PA, BusStatistics, Exchange, Fault, Regulator
-from soro_hardware.reading_age import Lateness
 from soro_hardware.supervisor import SILENCE_S
 from soro_hardware.supervisor_client import Supervisor, TakenOverError, end, running
 

@@ -9,10 +9,9 @@ from soro_core.errors import HardwareError
 from soro_hardware.canopen import frames
 from soro_hardware.canopen.cia408 import Control, ValveState, state_of
 from soro_hardware.canopen.config import CanopenPlatform
-from soro_hardware.canopen.device import Device, Pdo
+from soro_hardware.canopen.device import Device, Pdo, Scaling
 from soro_hardware.canopen.frames import EmcyCode, NmtState
 from soro_hardware.canopen.mapping import FixedScaling
-from soro_hardware.canopen.pdo import Scaling
 from soro_hardware.latch import Latch
 from soro_hardware.port import Fault
 from soro_hardware.transport.frame import Frame

@@ -29,8 +29,7 @@ from soro_hardware.serial_line.line.port import BytePort
 from soro_hardware.serial_line.line.session import StartupSession
 from soro_hardware.serial_line.lockstep import MARK, START_MARK, LockstepPort
 from soro_hardware.serial_line.probe import examine
-from soro_hardware.serial_line.start_up import start_all
-from soro_hardware.serial_line.vent_plan import plan_of
+from soro_hardware.serial_line.start_up import plan_of, start_all
 from soro_hardware.supervisor_client import VentPlan
 
 _LONGEST_WAIT_S = 1.0  # for an empty arm, at the end

@@ -7,7 +7,7 @@ from collections import Counter, deque
 import can
 
 from soro_hardware.canopen.config import CanopenPlatform
-from soro_hardware.emulation.canopen.error_counters import ErrorCounters
+from soro_hardware.emulation.canopen.hub import ErrorCounters
 from soro_hardware.emulation.canopen.world import World
 from soro_hardware.transport.frame import Frame
 from soro_hardware.transport.link import from_message, to_message

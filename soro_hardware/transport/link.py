@@ -12,8 +12,7 @@ import can
 
 from soro_core.errors import HardwareError
 from soro_hardware.error_text import reason
-from soro_hardware.transport.error_frames import BUS_OFF, RESTARTED, letters
-from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.frame import BUS_OFF, RESTARTED, Frame, letters
 
 _FULL_TRIES, _FULL_WAIT_S = 20, 0.0005
 # A bus of 1 Mbit/s carries at most 21,000 frames per second; after a longer stall the limiter has tripped.

@@ -6,7 +6,7 @@ import pytest
 from soro_core.config import with_changes
 from soro_core.control.reference_feasibility import check_reach
 from soro_lab.scene import check_scene, load_scene
-from soro_lab.scene.listing import scenes_in, shipped_folder
+from soro_lab.scene.load import scenes_in, shipped_folder
 from soro_lab.scene.loop import loop_of
 from soro_ros.recordings.recording import read
 from tests.patience import patient_platform

@@ -3,9 +3,8 @@
 `pip install soro` brings the model and the command line. CAN, serial lines and Modbus are the extra
 `hardware`, ROS and recordings the extra `ros`; `all` has these and more (docs/adr/0024-extras.md).
 
-Public names that load their module at first use (PEP 562).
-
-A command that only reads a file, or a process that only transfers bytes, must not load numba and scipy.
+`lazy` makes public names load their module at first use (PEP 562): a command that only reads a file, or a
+process that only transfers bytes, must not load numba and scipy.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Findings of a check of the hardware, one line each, with advice."""
+"""Findings of a check of the hardware, one line each, with advice; their table on the console."""
 
 from __future__ import annotations
 

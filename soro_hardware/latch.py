@@ -1,4 +1,4 @@
-"""Faults that stay until the next start-up of the devices."""
+"""Faults of a driver: those that stay until the next start-up of the devices, and those of old readings."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Signals that request the end of a process."""
+"""Signals that request the end of a process: noted, raised, or ending an event loop."""
 
 from __future__ import annotations
 

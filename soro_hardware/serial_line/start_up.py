@@ -1,4 +1,4 @@
-"""Start-up of all devices on the serial lines of an arm."""
+"""Start-up of all devices on the serial lines of an arm; the plan with which the supervisor vents them."""
 
 from __future__ import annotations
 

@@ -5,8 +5,7 @@ nothing or takes no bytes, reads a lost server as silence, returns the frame bef
 again, and sends a remote frame as a data frame. Without TCP_NODELAY and quick acknowledgements a cycle of
 twelve nodes takes 44 ms.
 
-Protocol of socketcand in raw mode as pure functions: text in angle brackets; no input raises an error.
-
+The protocol, in raw mode, is text in angle brackets; decoding and encoding are pure and never raise.
 Host to server: ``< open can0 >``, ``< rawmode >``, ``< send 201 4 7 0 D0 7 >``. Server to host: ``< hi >``,
 ``< ok >``, ``< frame 181 12.345678 0F01D007 >``, ``< error 20000040 12.345678 >``. An identifier of three
 digits is a standard one, of eight an extended one; remote frames do not exist.

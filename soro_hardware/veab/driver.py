@@ -1,4 +1,4 @@
-"""Driver for the published TCP server of the VEAB boards.
+"""Driver for the published TCP server of the VEAB boards, and the thread that keeps the server running.
 
 The server has no watchdog, and when it ends, the valves keep their pressure. It ends when its client
 disconnects, after 0.5 s without a message, and at any message of another length. So the driver sends nothing

@@ -1,7 +1,6 @@
 """Messages of the VEAB client: sends set points and receives readings.
 
-The number of ports of a server, found from its readings before the driver sends a set point.
-
+The number of ports of a server is found from its readings before the driver sends a set point.
 The server writes each reading, 8 bytes for each port, in one piece. The network may join pieces, but does not
 divide a piece that is shorter than a packet. So a reading ends wherever the stream pauses, and the number of
 values received until then is a multiple of the server's number of ports. If it is no multiple of `ports`, the

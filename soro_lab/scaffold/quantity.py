@@ -1,4 +1,4 @@
-"""Numbers with units on a command line: ``80mm``, ``30g``, ``0,90kPa``, by link ``80mm,60mm``."""
+"""Numbers with units on a command line, ``80mm``, ``80mm,60mm``, and with where they come from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reading a scene file: what it names is found beside it, and options change its keys."""
+"""Reading a scene file: what it names is found beside it, options change its keys; the shipped scenes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""References of a controller from messages on arm/reference/trajectory and arm/reference/tip."""
+"""References of a controller from the messages of its topics: trajectory, tip and path."""
 
 from __future__ import annotations
 

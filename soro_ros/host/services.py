@@ -1,4 +1,4 @@
-"""Services of running nodes: search, diagnostics, and calls with a time limit."""
+"""Services of running nodes: offers, search, diagnostics, and calls with a time limit."""
 
 from __future__ import annotations
 

@@ -1,6 +1,4 @@
-"""What a recorder keeps of each topic.
-
-Messages that were lost on the way to a reader, from the numbers that their publisher gives them.
+"""What a recorder keeps of each topic, and how many of its messages were lost.
 
 The executor does not tell these numbers. A message that is taken directly has one, and it counts all those
 before it; so a sample now and then is enough.

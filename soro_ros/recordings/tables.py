@@ -1,4 +1,4 @@
-"""The messages of a topic as the rows of a table."""
+"""The messages of a topic as the rows of a table, and the files that take them."""
 
 from __future__ import annotations
 

@@ -1,7 +1,6 @@
 """The arm as markers: skin coloured by pressure, frames, trails of tip and reference, cause of a latch.
 
-A MarkerArray in its serialised form, whose points, colours and stamps are exchanged as arrays.
-
+Points, colours and stamps are exchanged as arrays in the serialised MarkerArray:
 rclpy converts each Point by itself: the 5700 of the shipped arm take 15 ms, 30 % of a core at 20 Hz; as
 bytes they take 0.7 ms.
 """

@@ -1,9 +1,8 @@
 """Meshes of other programs: .msh and what else meshio reads; STEP by netgen (extras `design`, `mesh`).
 
-Quadrilaterals and hexahedra in place of triangles and tetrahedra: each corner gets one of its own.
-
-A new element runs from a corner of the old one over the middles of its edges and faces to its middle. So
-meshes of programs that know triangles and tetrahedra alone become ones that do not lock.
+`split` makes quadrilaterals and hexahedra of triangles and tetrahedra, one at each corner: it runs from the
+corner over the middles of edges and faces to the middle of the old element. So meshes of programs that know
+triangles and tetrahedra alone become ones that do not lock.
 """
 
 from __future__ import annotations

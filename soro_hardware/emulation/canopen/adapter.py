@@ -1,4 +1,4 @@
-"""An emulated CAN adapter, independent of its protocol with the host."""
+"""Emulated CAN adapters, and their protocols with the host: slcan and socketcand."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A request to a device on a serial line, and the quality of its answer."""
+"""A request to a device on a serial line; its answer, split into lines, and the quality of that."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When pressures and shape of a recording stand still, in blocks of equal time."""
+"""When pressures and shape of a recording stand still, in blocks, and whether it moves at all."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pictures of a fit: laws, correlations, profiles."""
+"""Pictures of a report: of a fit (laws, correlations, profiles) and of its recordings."""
 
 from __future__ import annotations
 

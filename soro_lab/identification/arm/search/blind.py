@@ -1,4 +1,4 @@
-"""Streams that the arm as described cannot show, or whose prediction depends on no number of it."""
+"""Before a search: streams that the arm as described cannot show, and a start that swings in phase."""
 
 from __future__ import annotations
 

@@ -193,7 +193,7 @@ class Driver(Regulator, Generic[P]):
     @property
     def latched(self) -> tuple[Fault, ...]:
         """Faults that only `configure` clears."""
-        return tuple(self.latch)
+        return tuple(self.latch.values())
 
     def configure(self) -> None:
         with self._lock:
@@ -387,4 +387,4 @@ class Driver(Regulator, Generic[P]):
 
     @property
     def _lost_supervisor(self) -> bool:
-        return self.latch.has(*LOST)
+        return LOST in self.latch

@@ -275,5 +275,5 @@ class SerialRegulator(Driver[SerialPlatform]):
 
     def _late(self, fresh: Flags) -> list[Fault]:
         """A device that answers nothing at all is `device_silent`, and not late besides."""
-        codes = [self.latch.has("device_silent", channel.source) for channel in self._channels]
+        codes = [("device_silent", channel.source) in self.latch for channel in self._channels]
         return super()._late(fresh | np.array(codes))

@@ -85,7 +85,7 @@ class VtemRegulator(LinkDriver[VtemPlatform]):
         # A slot whose motion app has stopped ignores set points until `configure` starts the app again.
         for slot, status in terminal.statuses.items():
             if not status.regulates:
-                code = "rebooted" if self.latch.has("link_lost", self.source) else "left_operational"
+                code = "rebooted" if ("link_lost", self.source) in self.latch else "left_operational"
                 code = "device_error" if status.state is SlotState.FAILED else code
                 self.latch.add(code, terminal.chambers_of(slot), str(status))
         return fresh

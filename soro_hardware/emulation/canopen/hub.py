@@ -207,7 +207,8 @@ class Hub:
         if not controller.plugged:
             controller.errors.unacknowledged()
             controller.noticed("a")
-        if controller.errors.is_off or self._held_by(controller) >= QUEUE_LENGTH:
+        held = sum(queued.controller is controller for queued in self._waiting)
+        if controller.errors.is_off or held >= QUEUE_LENGTH:
             controller.overruns += 1
             return False
         self._waiting.append(_Queued(frame, controller, now_ns))
@@ -278,9 +279,6 @@ class Hub:
             self._waiting = [queued for queued in self._waiting if queued is not first]
             end_ns = max(self._idle_ns, first.time_ns) + self._duration_ns(frame_bits(first.frame))
             self._sending = first._replace(time_ns=end_ns)
-
-    def _held_by(self, controller: BusController) -> int:
-        return sum(queued.controller is controller for queued in self._waiting)
 
     def _duration_ns(self, bits: int) -> int:
         return bits * 1_000_000_000 // self._bitrate if self._bitrate else 0

@@ -119,15 +119,15 @@ class Uneven:
             If the arm has no stiffness in a shape.
         """
         q, qd, qdd = np.array([point.q, point.qd, point.qdd], dtype=np.float64)
-        bent = state.deviation.copy(), state.force.copy(), state.moves.copy()
         slopes = state.slope.copy(), state.even_slope.copy()
+        shape = (state.deviation.copy(), state.force.copy(), state.moves.copy(), *slopes)
         lacking = np.empty(q.size), np.empty(q.size), np.empty((q.size, q.size))
-        code = kernel.step(self._box, q, qd, qdd, mass_kg, state.column, *bent, *slopes, *lacking)
+        code = kernel.step(self._box, (q, qd, qdd), mass_kg, state.column, shape, lacking)
         if code == SINGULAR:
             raise np.linalg.LinAlgError("the non-uniform strain has no equilibrium")
         if code != GOOD:
             raise fault(code, q, qd)
-        return UnevenShape(*bent, *slopes, max(state.column, 0) + 1), UnevenForce(q, mass_kg, *lacking)
+        return UnevenShape(*shape, max(state.column, 0) + 1), UnevenForce(q, mass_kg, *lacking)
 
     def away(self, point: Point, mass_kg: float) -> Array:
         """Return the force (n_q,) at a point far from any tick, for a mass [kg] at the tip."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple, TypeAlias
+
 import numpy as np
 
 from soro_core._box import Box, view
@@ -13,33 +15,41 @@ from soro_core.model.forces.internal import add_internal_force
 from soro_core.model.method import tip_mass_force
 
 
+class LackingForce(NamedTuple):
+    """An `UnevenForce`."""
+
+    at: Array
+    mass_kg: float
+    force: Array
+    by_mass: Array
+    by_q: Array
+
+
+LackingFields: TypeAlias = tuple[Array, float, Array, Array, Array]
+"""Its fields: numba takes a plain tuple from Python faster."""
+MotionFields: TypeAlias = tuple[Array, Array, Array, Array, Array, Array]
+"""q, qd, qdd (n,), pressures (n_u,), creep (n_internal,) and the covariance of q (n, n)."""
+
+
 @entry
 def show(
     box: Box,
-    q: Array,
-    qd: Array,
-    qdd: Array,
-    pressure: Array,
-    creep: Array,
-    covariance: Array,
-    force_unit: Array,
-    q_unit: Array,
-    mass_kg: float,
-    at: Array,
-    lacking: Array,
-    lacking_by_mass: Array,
-    lacking_by_q: Array,
+    motion: MotionFields,
+    lacking: LackingFields,
+    units: tuple[Array, Array],
     part: float,
-    residual: Array,
-    regressor: Array,
+    sides: tuple[Array, Array],
 ) -> int:
     """Move residual r / U (n,) and regressor Phi (n, 1 + n (n + 1)) a part of the way to those of a sample.
 
     r = H p - [M qdd + C qd + G + f_e + R qd + creep] - d(q, 0), with the force d that is lacking about a mass
-    and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q). Gives a code of
-    `soro_core.model.dynamics`.
+    and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q). `units` of force, U, and of q;
+    `sides` are r / U and Phi. Gives a code of `soro_core.model.dynamics`.
     """
-    arm = view(box)
+    arm, d = view(box), LackingForce(*lacking)
+    q, qd, qdd, pressure, creep, covariance = motion
+    force_unit, q_unit = units
+    residual, regressor = sides
     t, n, n_u = arm.tables, q.shape[0], pressure.shape[0]
     code = check(t, q, qd)
     if code != GOOD:
@@ -52,13 +62,13 @@ def show(
     add_damping_force(t, qd, model)
     add_internal_force(t, creep, model)
     for c in range(n):
-        missing[c] = mass_kg * lacking_by_mass[c] - lacking[c] - model[c]
-        for d in range(n):
-            missing[c] -= lacking_by_q[c, d] * (q[d] - at[d])
+        missing[c] = d.mass_kg * d.by_mass[c] - d.force[c] - model[c]
+        for e in range(n):
+            missing[c] -= d.by_q[c, e] * (q[e] - d.at[e])
         for u in range(n_u):
             missing[c] += H[u, c] * acting(t, u, pressure[u])
         missing[c] /= force_unit[c]
-        by_mass[c] = (by_mass[c] + lacking_by_mass[c]) / force_unit[c]
+        by_mass[c] = (by_mass[c] + d.by_mass[c]) / force_unit[c]
     if not (finite(missing) and finite(by_mass)):
         return NOT_FINITE
     for c in range(n):
@@ -66,6 +76,6 @@ def show(
         regressor[c, 0] += part * (by_mass[c] - regressor[c, 0])
         first = 1 + c * (n + 1)
         regressor[c, first] += part * (1.0 - regressor[c, first])
-        for d in range(n):
-            regressor[c, first + 1 + d] += part * (q[d] / q_unit[d] - regressor[c, first + 1 + d])
+        for e in range(n):
+            regressor[c, first + 1 + e] += part * (q[e] / q_unit[e] - regressor[c, first + 1 + e])
     return GOOD

@@ -21,7 +21,7 @@ from soro_core.pneumatics.lag import follow
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_hardware.finding import Finding
 from soro_hardware.hil.measured import T63
-from soro_hardware.hil.paced import Sample
+from soro_hardware.hil.paced import CycleSample
 
 # A reading has moved if it is beyond so many standard deviations of its noise, twice in a row.
 NOISE_STD = 4.0
@@ -97,7 +97,7 @@ class Latency:
 
 
 def evaluate(
-    config: LatencyConfig, names: Sequence[str], cycle_hz: float, runs: Sequence[Sequence[Sample]]
+    config: LatencyConfig, names: Sequence[str], cycle_hz: float, runs: Sequence[Sequence[CycleSample]]
 ) -> Latency:
     """Return the latencies from all steps.
 
@@ -109,7 +109,7 @@ def evaluate(
         Names of the chambers.
     cycle_hz : float
         Rate of the cycle [Hz].
-    runs : sequence of sequence of Sample
+    runs : sequence of sequence of CycleSample
         Samples of each chamber.
 
     Returns
@@ -156,7 +156,9 @@ def compare(latency: Latency, response: RegulatorModel, update_hz: float) -> lis
     return findings
 
 
-def _chamber(config: LatencyConfig, name: str, chamber: int, samples: Sequence[Sample]) -> ChamberLatency:
+def _chamber(
+    config: LatencyConfig, name: str, chamber: int, samples: Sequence[CycleSample]
+) -> ChamberLatency:
     t = np.array([sample.t_s for sample in samples])
     in_hand = t + np.array([sample.took_s for sample in samples])
     wanted = np.array([sample.wanted_pa[chamber] for sample in samples])

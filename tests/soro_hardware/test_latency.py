@@ -12,7 +12,7 @@ from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.hil import latency, report
 from soro_hardware.hil.latency import LatencyConfig, compare, evaluate
 from soro_hardware.hil.latency_run import latency_limits, measure
-from soro_hardware.hil.paced import PacedRegulator, Sample
+from soro_hardware.hil.paced import CycleSample, PacedRegulator
 from tests.refused import fails
 
 CONFIG = LatencyConfig(repeat=6, hold_s=0.4)
@@ -86,7 +86,7 @@ def risen(t):
 
 def sample(n, sent_pa, pressure_pa, took_s=0.0):
     sent, fresh = np.array([sent_pa]), np.ones(1, dtype=bool)
-    return Sample(0.005 * n, sent, sent, np.array([pressure_pa]), fresh, took_s)
+    return CycleSample(0.005 * n, sent, sent, np.array([pressure_pa]), fresh, took_s)
 
 
 def test_the_time_that_an_exchange_takes_counts():

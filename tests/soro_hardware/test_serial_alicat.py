@@ -11,7 +11,7 @@ from soro_core.errors import ConfigError, HardwareError
 from soro_hardware.emulation.serial_line.alicat import EmulatedAlicat
 from soro_hardware.emulation.serial_line.valve import ValveSetup
 from soro_hardware.serial_line.alicat_codec import (
-    Layout,
+    FrameLayout,
     is_refusal,
     parse_frame,
     parse_layout,
@@ -181,8 +181,8 @@ def layout(rows, unit="A"):
 
 
 def test_layouts():
-    assert layout(GAUGE_PSI) == Layout(3, 1, 2, 6894.757293168, 2)
-    assert layout(OLD_PSI) == Layout(4, 2, 3, 6894.757293168, 1)
+    assert layout(GAUGE_PSI) == FrameLayout(3, 1, 2, 6894.757293168, 2)
+    assert layout(OLD_PSI) == FrameLayout(4, 2, 3, 6894.757293168, 1)
     assert layout(OLD_PSI).resolution_pa == pytest.approx(689.4757293168)
 
 

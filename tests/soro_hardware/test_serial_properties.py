@@ -80,7 +80,7 @@ LINES = [
     b"A D02 006 Gauge Press                s decimal     7/2 014 02 kPaG",
     b"A  D03 SetPoint    signed    +000.00  +103.40     kPaG",
 ]
-GAUGE = alicat_codec.Layout(3, 1, 2, 1e3, 2)
+GAUGE = alicat_codec.FrameLayout(3, 1, 2, 1e3, 2)
 
 
 def mutated(rng):

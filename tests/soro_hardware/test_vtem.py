@@ -17,7 +17,7 @@ from soro_hardware.emulation.faults.fault_types import Injection
 from soro_hardware.vtem import registers
 from soro_hardware.vtem.driver import VtemRegulator
 from soro_hardware.vtem.modbus import ModbusDecoder, write_request
-from soro_hardware.vtem.registers import Layout, SlotState, Status, command
+from soro_hardware.vtem.registers import RegisterLayout, SlotState, SlotStatus, command
 from tests.refused import fails
 
 ONE = {
@@ -96,7 +96,7 @@ def test_a_cycle_by_one_message():
 
 
 def test_words_of_a_block():
-    layout = Layout(((1, 1), (3, 0), (3, 1)))
+    layout = RegisterLayout(((1, 1), (3, 0), (3, 1)))
     assert (layout.offset, layout.size, layout.slots) == (3, 9, (1, 3))
     assert [layout.control(slot) for slot in layout.slots] == [1, 3]
     # Of the range -4.97 to 90.07 kPa whole mbar are left, and the slot in between rests.
@@ -113,10 +113,10 @@ def test_pressures_as_words(pressure_pa):
 
 
 def test_status_words():
-    assert Status.of(0xAB83) == Status(3, SlotState.RUNNING)
-    assert Status.of(0x7D).is_idle
-    assert not Status.of(0xC3).regulates, "app 3, but a failure"
-    assert {Status.of(word).word for word in range(256)} == set(range(256))
+    assert SlotStatus.of(0xAB83) == SlotStatus(3, SlotState.RUNNING)
+    assert SlotStatus.of(0x7D).is_idle
+    assert not SlotStatus.of(0xC3).regulates, "app 3, but a failure"
+    assert {SlotStatus.of(word).word for word in range(256)} == set(range(256))
 
 
 @pytest.mark.parametrize(

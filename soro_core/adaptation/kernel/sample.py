@@ -15,8 +15,8 @@ from soro_core.model.forces.internal import add_internal_force
 from soro_core.model.method import tip_mass_force
 
 
-class LackingForce(NamedTuple):
-    """An `UnevenForce`."""
+class UnmodelledForce(NamedTuple):
+    """A `NonuniformForce`."""
 
     at: Array
     mass_kg: float
@@ -25,7 +25,7 @@ class LackingForce(NamedTuple):
     by_q: Array
 
 
-LackingFields: TypeAlias = tuple[Array, float, Array, Array, Array]
+UnmodelledFields: TypeAlias = tuple[Array, float, Array, Array, Array]
 """Its fields: numba takes a plain tuple from Python faster."""
 MotionFields: TypeAlias = tuple[Array, Array, Array, Array, Array, Array]
 """q, qd, qdd (n,), pressures (n_u,), creep (n_internal,) and the covariance of q (n, n)."""
@@ -35,18 +35,18 @@ MotionFields: TypeAlias = tuple[Array, Array, Array, Array, Array, Array]
 def show(
     box: Box,
     motion: MotionFields,
-    lacking: LackingFields,
+    unmodelled: UnmodelledFields,
     units: tuple[Array, Array],
     part: float,
     sides: tuple[Array, Array],
 ) -> int:
     """Move residual r / U (n,) and regressor Phi (n, 1 + n (n + 1)) a part of the way to those of a sample.
 
-    r = H p - [M qdd + C qd + G + f_e + R qd + creep] - d(q, 0), with the force d that is lacking about a mass
+    r = H p - [M qdd + C qd + G + f_e + R qd + creep] - d(q, 0), with the unmodelled force d about a mass
     and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q). `units` of force, U, and of q;
     `sides` are r / U and Phi. Gives a code of `soro_core.model.dynamics`.
     """
-    arm, d = view(box), LackingForce(*lacking)
+    arm, d = view(box), UnmodelledForce(*unmodelled)
     q, qd, qdd, pressure, creep, covariance = motion
     force_unit, q_unit = units
     residual, regressor = sides

@@ -41,7 +41,7 @@ class StrainedArm(NamedTuple):
     unit: Array
 
 
-class Bend(NamedTuple):
+class ArmPair(NamedTuple):
     """An arm with strains that are constant along its links (n), and with strains that vary (N)."""
 
     even: StrainedArm
@@ -73,10 +73,12 @@ class Ends(NamedTuple):
 
 
 @kernel
-def make_bend(even: Tables, varying: Tables, unit: Array, varying_unit: Array) -> Box:
+def make_arm_pair(even: Tables, varying: Tables, unit: Array, varying_unit: Array) -> Box:
     """Both arms in a box, each with a workspace."""
     return Box(
-        Bend(StrainedArm(even, make_work(even), unit), StrainedArm(varying, make_work(varying), varying_unit))
+        ArmPair(
+            StrainedArm(even, make_work(even), unit), StrainedArm(varying, make_work(varying), varying_unit)
+        )
     )
 
 
@@ -129,12 +131,12 @@ def _least_pressures(H: Array, unit: Array, P: Array) -> bool:
 
 
 @inner
-def _fill_system(bend: Bend, slope: Array, H: Array, P: Array, ends: Ends, square: Array) -> None:
+def _fill_system(pair: ArmPair, slope: Array, H: Array, P: Array, ends: Ends, square: Array) -> None:
     """square (N + n, N + n) <- the system of Newton; rows and columns in units.
 
     The ends count by the motion of q that they make.
     """
-    unit, wide, by_q = bend.even.unit, bend.varying.unit, ends.by_q
+    unit, wide, by_q = pair.even.unit, pair.varying.unit, ends.by_q
     n, N = unit.shape[0], wide.shape[0]
     clear_matrix(square)
     for r in range(N):
@@ -150,9 +152,9 @@ def _fill_system(bend: Bend, slope: Array, H: Array, P: Array, ends: Ends, squar
 
 
 @inner
-def _fill_right(bend: Bend, missed: Array, by_mass: Array, ends: Ends, right: Array) -> None:
+def _fill_right(pair: ArmPair, missed: Array, by_mass: Array, ends: Ends, right: Array) -> None:
     """right (N + n, 2 + n) <- what is missing, and its derivatives by the mass and by q."""
-    unit, wide, by_q = bend.even.unit, bend.varying.unit, ends.by_q
+    unit, wide, by_q = pair.even.unit, pair.varying.unit, ends.by_q
     n, N = unit.shape[0], wide.shape[0]
     clear_matrix(right)
     for r in range(N):
@@ -175,15 +177,15 @@ def step(
 ) -> int:
     """Make one step; gives a code of `soro_core.model.dynamics`.
 
-    `motion` has q, qd and qdd; `shape` deviation, force, moves and slopes of an `UnevenShape`, which become
+    `motion` has q, qd and qdd; `shape` deviation, force, moves and slopes of a `NonuniformStrainState`, which become
     those after the step; `column` < 0 at the first tick, which has no force and no slopes yet. out <- force,
-    by_mass and by_q of the `UnevenForce`.
+    by_mass and by_q of the `NonuniformForce`.
     """
-    bend = view(box)
+    pair = view(box)
     q, qd, qdd = motion
     deviation, force, moves, slope, even_slope = shape
-    lacking, by_mass, by_q = out
-    even, varying = bend.even, bend.varying
+    unmodelled, by_mass, by_q = out
+    even, varying = pair.even, pair.varying
     unit, wide = even.unit, varying.unit
     n, N, n_u = q.shape[0], wide.shape[0], even.tables.axial_gain.shape[1]
     n_ends = 3 * even.tables.length.shape[0]
@@ -226,8 +228,8 @@ def step(
     _find_slope(even, even_motion, load, even_now, column, even_slope)
 
     square, right, pivots = np.empty((N + n, N + n)), np.empty((N + n, 2 + n)), np.empty(N + n, np.int64)
-    _fill_system(bend, slope, there, P, ends, square)
-    _fill_right(bend, now, wide_load, ends, right)
+    _fill_system(pair, slope, there, P, ends, square)
+    _fill_right(pair, now, wide_load, ends, right)
     if not lu_factor(square, pivots):
         return SINGULAR
     lu_solve_rows(square, pivots, right)
@@ -239,7 +241,7 @@ def step(
             moves[r, c] = wide[r] * right[r, 2 + c]
     for r in range(n):
         force[r] += right[N + r, 0] / unit[r]
-        lacking[r], by_mass[r] = force[r] - own[r], right[N + r, 1] / unit[r] - by_load[r]
+        unmodelled[r], by_mass[r] = force[r] - own[r], right[N + r, 1] / unit[r] - by_load[r]
         for c in range(n):
             by_q[r, c] = right[N + r, 2 + c] / unit[r] - even_slope[r, c]
     return GOOD

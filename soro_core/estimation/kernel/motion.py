@@ -165,7 +165,7 @@ def step_system(arm: FilterArm, h: float) -> bool:
 def step_mean(arm: FilterArm, pressure: Array, dt: float, belief: Belief) -> int:
     """Mean and internal states <- those after dt; leaves the derivatives for the covariance; gives a code."""
     t, s, w = arm.tables, arm.settings, arm.scratch
-    mean, internal, mean1, internal1 = w.begun, w.begun_internal, belief.mean, belief.internal
+    mean, internal, mean1, internal1 = w.start, w.start_internal, belief.mean, belief.internal
     assign(mean1, mean)
     assign(internal1, internal)
     n = s.limit.shape[0]

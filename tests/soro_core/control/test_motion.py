@@ -135,7 +135,7 @@ def test_a_motion_that_begins_under_way_continues_position_rate_and_acceleration
 
 
 def test_a_motion_replaces_another_without_a_jump_of_the_reference_in_force():
-    """The reference in force is what the law follows: old motion, passage and new motion together."""
+    """The reference in force is what the law follows: old motion, transition and new motion together."""
     control, state = controller()
     bounds, following, reference, at = control.bounds, None, None, REST.q
     rows = []

@@ -7,7 +7,7 @@ import pytest
 from soro_core import robot_from_dict
 from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.control_monitor import WatchState, update_monitor
+from soro_core.control.control_monitor import ControlMonitorState, update_monitor
 from soro_core.control.laws import Certainty
 
 DT = 0.005
@@ -21,29 +21,28 @@ def after(state, seconds, away=0.0, missing=NONE, event=""):
     return state
 
 
-def test_chambers_that_lack_pressure_are_named_after_half_a_second():
+def test_saturated_chambers_are_named_after_half_a_second():
     missing = np.array([12e3, 0.0, -3e3])
-    state = after(WatchState(), 0.49, missing=missing)
+    state = after(ControlMonitorState(), 0.49, missing=missing)
     assert state.note == ""
     state = after(state, 0.02, missing=missing)
-    assert "a lacks 12 kPa" in state.note
-    assert "c" in state.note
-    assert "3 kPa" in state.note
+    assert "pressure saturated: a needs 12 kPa more than its limit" in state.note
+    assert "c needs 3 kPa below its limit" in state.note
     assert "b " not in state.note
     assert after(state, 0.01, missing=missing + 100.0).note == state.note  # not another text each tick
     assert after(state, DT).note == ""
-    assert after(WatchState(), 5.0, missing=np.array([1e3, 0.0, 0.0])).note == ""
+    assert after(ControlMonitorState(), 5.0, missing=np.array([1e3, 0.0, 0.0])).note == ""
 
 
 def test_an_event_of_the_law_is_shown_for_some_seconds():
-    state = after(WatchState(), DT, event="prior restored")
+    state = after(ControlMonitorState(), DT, event="prior restored")
     assert after(state, 4.9).note == "prior restored"
     assert after(state, 5.1).note == ""
 
 
 @pytest.mark.parametrize("swinging", [False, True])
 def test_an_arm_has_fallen_over_when_its_tip_is_far_away_for_long(swinging):
-    state = after(WatchState(), 5.0, away=0.9)  # a loaded arm gets up
+    state = after(ControlMonitorState(), 5.0, away=0.9)  # a loaded arm gets up
     assert not state.fallen
     assert not after(state, 0.98, away=0.9).fallen
     assert not after(state, 20.0, away=0.4).fallen

@@ -18,7 +18,7 @@ import math
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.integrate.step_work import ArmState, StepInput, Stepping
+from soro_core.integrate.step_work import StepInput, Stepping
 from soro_core.integrate.steppers.scheme import Dissipative, Scheme
 from soro_core.integrate.system import NOT_RESOLVED
 from soro_core.model.dynamics import GOOD
@@ -27,6 +27,7 @@ from soro_core.model.forces.elasticity import elastic_energy
 from soro_core.model.forces.external import add_external_forces
 from soro_core.model.forces.internal import internal_energy
 from soro_core.model.method import energy
+from soro_core.model.records import ArmState, Motion
 
 # Largest removed part of the kinetic energy; for a larger excess the step is divided.
 SHARE = 0.25
@@ -39,7 +40,7 @@ def _stored(run: Stepping, wrench: Array, at: ArmState) -> tuple[float, float, f
     """Return kinetic energy, other stored energy, and the sum of their absolute values [J]."""
     t, w = run.tables, run.work.model
     kinetic, gravity = energy(t, w, at.q, at.v)
-    outside = add_external_forces(t.external, t, w, wrench, at.q, at.v, w.bias)
+    outside = add_external_forces(t.external, t, w, wrench, Motion(at.q, at.v, at.v, w.zero), w.bias)
     elastic = elastic_energy(t, at.q) + internal_energy(t, at.z) + outside
     return kinetic, gravity + elastic, kinetic + abs(gravity) + abs(elastic)
 

@@ -8,13 +8,14 @@ from typing import NamedTuple
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.arrays import Array
-from soro_core.integrate.step_work import LATEST, ArmState, StepInput, Stepping, StepWork, assign_state
+from soro_core.integrate.step_work import LATEST, StepInput, Stepping, StepWork, assign_state
 from soro_core.integrate.steppers.scheme import RESOLVED
 from soro_core.integrate.steppers.tableau import Tableau
 from soro_core.integrate.system import NOT_RESOLVED, TOO_STIFF, interpolate, jumps
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite, forward_dynamics
 from soro_core.model.forces.internal import internal_rate
 from soro_core.model.links.linear import assign
+from soro_core.model.records import ArmState
 from soro_core.model.tables import Tables
 
 # Largest number of error-controlled steps within a step of the grid.
@@ -66,7 +67,7 @@ def explicit_step(
             assign(work.memory[LATEST], acceleration)
             continue
         interpolate(held.pressure, part.begin + part.part * m.nodes[stage], work.stage_pressure)
-        code = forward_dynamics(t, work.model, q1, v1, z1, work.stage_pressure, held.wrench, acceleration)
+        code = forward_dynamics(t, work.model, end, work.stage_pressure, held.wrench, acceleration)
         if code != GOOD:
             return code
         if stage == 0:

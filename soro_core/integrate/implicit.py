@@ -14,21 +14,14 @@ from soro_core.arrays import Array
 from soro_core.integrate.air import Air, breathe
 from soro_core.integrate.balance import begin_balance, keep_balance
 from soro_core.integrate.newton import Outside, solve_stage
-from soro_core.integrate.step_work import (
-    EARLIER,
-    LATEST,
-    ArmState,
-    StepInput,
-    Stepping,
-    StepWork,
-    assign_state,
-)
+from soro_core.integrate.step_work import EARLIER, LATEST, StepInput, Stepping, StepWork, assign_state
 from soro_core.integrate.steppers.scheme import Scheme, stage_of
 from soro_core.integrate.system import CLOSED, NOT_RESOLVED, StageEquation, interpolate, jumps
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite
 from soro_core.model.forces.internal import advance_internal
 from soro_core.model.links.linear import assign, clear
 from soro_core.model.links.sweep import NO, YES
+from soro_core.model.records import ArmState
 
 # Smallest fraction of a step that is divided.
 SMALLEST_PART = 1.0 / 65536.0
@@ -93,7 +86,7 @@ def extrapolate(
     code = check(run.tables, q1, v1)
     if code != GOOD:
         return code
-    advance_internal(run.tables, z0, v0, v1, h, z1, run.work.tangent)
+    advance_internal(run.tables, z0, (v0, v1), h, z1, run.work.tangent)
     if not breathe(outside.air, run, q1, z0, h, z1):
         return CLOSED
     return GOOD if finite(z1) else NOT_FINITE

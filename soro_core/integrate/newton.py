@@ -13,12 +13,13 @@ from typing import NamedTuple
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.integrate.air import Air, breathe
-from soro_core.integrate.step_work import ArmState, Stepping
+from soro_core.integrate.step_work import Stepping
 from soro_core.integrate.system import CLOSED, StageEquation, factor, force_residual
 from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, check, finite
 from soro_core.model.forces.internal import advance_internal
 from soro_core.model.links.sweep import NO, YES
 from soro_core.model.method import solve_system
+from soro_core.model.records import ArmState
 
 MAX_ITERATIONS = 30
 # Slower contraction than this requires a new Hessian.
@@ -58,7 +59,7 @@ def solve_stage(
         code = check(t, q, v)
         if code != GOOD:
             return code
-        advance_internal(t, last.z, last.v, v, span, z, work.tangent)
+        advance_internal(t, last.z, (last.v, v), span, z, work.tangent)
         if not breathe(outside.air, run, q, last.z, span, z):
             return CLOSED
         if done:

@@ -11,6 +11,7 @@ from soro_core._jit import inner, kernel
 from soro_core.arrays import Array, Integers
 from soro_core.model.links.linear import assign
 from soro_core.model.method import make_work
+from soro_core.model.records import ArmState
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
 
@@ -68,14 +69,6 @@ class StepWork(NamedTuple):
     """Next step of an adaptive stepper [s]; one entry."""
     energy: Array
     """Bound of the energy at the start of a step [J], inf without a bound (see `balance`); one entry."""
-
-
-class ArmState(NamedTuple):
-    """State of an arm: coordinates, velocities (n_q,) and internal states (n_z,)."""
-
-    q: Array
-    v: Array
-    z: Array
 
 
 @inner

@@ -7,11 +7,12 @@ from typing import NamedTuple
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.integrate.air import Air, add_air_stiffness
-from soro_core.integrate.step_work import ArmState, Stepping
+from soro_core.integrate.step_work import Stepping
 from soro_core.model.dynamics import applied_force
 from soro_core.model.forces.chambers import add_pressure_stiffness
 from soro_core.model.forces.elasticity import add_stiffness
 from soro_core.model.method import factor_system, inverse_dynamics
+from soro_core.model.records import ArmState, Motion, TangentFactors
 from soro_core.model.work import Work
 
 # Codes of the steppers, beside those of `soro_core.model.dynamics`.
@@ -39,7 +40,7 @@ def force_residual(run: Stepping, w: Work, at: ArmState, wrench: Array, bodies: 
     along the links gives the forces and the inertia.
     """
     t, r = run.tables, run.work.residual
-    inverse_dynamics(t, w, wrench, at.q, at.v, run.work.acceleration, bodies, r)
+    inverse_dynamics(t, w, wrench, Motion(at.q, at.v, at.v, run.work.acceleration), bodies, r)
     force = w.applied
     applied_force(t, at.q, at.v, at.z, run.work.stage_pressure, force)
     for b in range(r.shape[0]):
@@ -80,7 +81,7 @@ def factor(
             for c in range(first, t.offset[i + 1]):
                 for d in range(w.block.shape[1]):
                     w.block[c, d] = max(w.block[c, d], 0.0) if d == c - first else 0.0
-    return bool(factor_system(t, w, q, at.v, by_q, by_v, secant))
+    return bool(factor_system(t, w, q, at.v, TangentFactors(by_q, by_v, secant)))
 
 
 @inner

@@ -13,6 +13,7 @@ from soro_core.model.dynamics import GOOD, NOT_FINITE, add_damping_force, check,
 from soro_core.model.forces.chambers import acting
 from soro_core.model.forces.internal import add_internal_force
 from soro_core.model.method import tip_mass_force
+from soro_core.model.records import Motion
 
 
 class UnmodelledForce(NamedTuple):
@@ -57,7 +58,7 @@ def show(
     if not (finite(pressure) and finite(creep) and finite(covariance.reshape(n * n))):
         return NOT_FINITE
     model, by_mass, H, missing = np.empty(n), np.empty(n), np.empty((n_u, n)), np.empty(n)
-    motion_forces(t, arm.work, t.tip_mass[0], q, qd, qdd, model, H)
+    motion_forces(t, arm.work, t.tip_mass[0], Motion(q, qd, qd, qdd), model, H)
     tip_mass_force(t, arm.work, q, qd, qdd, by_mass)
     add_damping_force(t, qd, model)
     add_internal_force(t, creep, model)

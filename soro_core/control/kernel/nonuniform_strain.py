@@ -22,6 +22,7 @@ from soro_core.model.dynamics import GOOD, SINGULAR, check, motion_forces
 from soro_core.model.exact import link_ends, tip_mass_force
 from soro_core.model.links.linear import clear_matrix, lu_factor, lu_solve_rows
 from soro_core.model.method import make_work
+from soro_core.model.records import Motion
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
 
@@ -46,14 +47,6 @@ class ArmPair(NamedTuple):
 
     even: StrainedArm
     varying: StrainedArm
-
-
-class Motion(NamedTuple):
-    """Coordinates, rates and accelerations."""
-
-    q: Array
-    qd: Array
-    qdd: Array
 
 
 class Load(NamedTuple):
@@ -87,7 +80,7 @@ def force_residual(arm: StrainedArm, motion: Motion, load: Load, H: Array, force
     """force <- f + m Y - H p, H <- its transpose (n_u, n)."""
     t = arm.tables
     tip_mass = t.tip_mass[0] + load.mass_kg
-    motion_forces(t, arm.work, tip_mass, motion.q, motion.qd, motion.qdd, force, H)
+    motion_forces(t, arm.work, tip_mass, motion, force, H)
     for u in range(load.pressure.shape[0]):
         for c in range(force.shape[0]):
             force[c] -= H[u, c] * load.pressure[u]
@@ -102,7 +95,7 @@ def _find_slope(arm: StrainedArm, motion: Motion, load: Load, now: Array, column
     for k in range(n):
         if column < 0 or k == column % n:
             moved[k] = q[k] + _STEP * unit[k]
-            force_residual(arm, Motion(moved, motion.qd, motion.qdd), load, H, force)
+            force_residual(arm, Motion(moved, motion.qd, motion.v, motion.a), load, H, force)
             moved[k] = q[k]
             for c in range(n):
                 slope[c, k] = (force[c] - now[c]) / (_STEP * unit[k])
@@ -177,9 +170,9 @@ def step(
 ) -> int:
     """Make one step; gives a code of `soro_core.model.dynamics`.
 
-    `motion` has q, qd and qdd; `shape` deviation, force, moves and slopes of a `NonuniformStrainState`, which become
-    those after the step; `column` < 0 at the first tick, which has no force and no slopes yet. out <- force,
-    by_mass and by_q of the `NonuniformForce`.
+    `motion` has q, qd and qdd; `shape` deviation, force, moves and slopes of a `NonuniformStrainState`, which
+    become those after the step; `column` < 0 at the first tick, which has no force and no slopes yet. out <-
+    force, by_mass and by_q of the `NonuniformForce`.
     """
     pair = view(box)
     q, qd, qdd = motion
@@ -205,7 +198,7 @@ def step(
     here, there, P = np.empty((n_u, n)), np.empty((n_u, N)), np.empty((n_u, n))
     own, by_load, now, wide_load = np.empty(n), np.empty(n), np.empty(N), np.empty(N)
     ends = Ends(np.empty(n_ends), np.empty(n_ends), np.empty((n_ends, n)), np.empty((n_ends, N)))
-    even_motion, motion_x, load = Motion(q, qd, qdd), Motion(x, xd, xdd), Load(mass_kg, np.zeros(n_u))
+    even_motion, motion_x, load = Motion(q, qd, qd, qdd), Motion(x, xd, xd, xdd), Load(mass_kg, np.zeros(n_u))
     pressure = load.pressure
     force_residual(even, even_motion, load, here, own)
     tip_mass_force(even.tables, even.work, q, qd, qdd, by_load)

@@ -15,10 +15,11 @@ from soro_core.integrate.derivatives.sensitivity import (
     V,
     solve_stage,
 )
-from soro_core.integrate.step_work import ArmState, StepInput, Stepping, StepWork
+from soro_core.integrate.step_work import StepInput, Stepping, StepWork
 from soro_core.model.derivative.equation import equation_derivatives
 from soro_core.model.forces.internal import BY_SECOND
 from soro_core.model.links.linear import assign, assign_matrix, clear
+from soro_core.model.records import ArmState, Motion
 from soro_core.model.tables import CREEP
 
 
@@ -63,7 +64,7 @@ def follow_explicit(
         if stage == n:
             break
         v, a = s.point[V], work.stage_acceleration[stage]
-        equation_derivatives(t, d, held.pressure, held.wrench, s.point[Q], v, a)
+        equation_derivatives(t, d, held.pressure, held.wrench, Motion(s.point[Q], v, v, a))
         good = good and solve_stage(t, d, s, 0.0, 0.0)
         assign_matrix(s.v[STAGE], s.stage_v[stage])
         assign_matrix(s.a[STAGE], s.stage_a[stage])

@@ -18,11 +18,12 @@ from soro_core.integrate.derivatives.sensitivity import (
     follow,
     solve_stage,
 )
-from soro_core.integrate.step_work import EARLIER, ArmState, StepInput, Stepping
+from soro_core.integrate.step_work import EARLIER, StepInput, Stepping
 from soro_core.integrate.steppers.scheme import stage_of
 from soro_core.model.derivative.equation import equation_derivatives
 from soro_core.model.forces.internal import internal_slopes
 from soro_core.model.links.linear import assign, assign_matrix, clear
+from soro_core.model.records import ArmState, Motion
 from soro_core.model.tables import Tables
 
 
@@ -73,7 +74,7 @@ def follow_implicit(
     good = True
     if rule.at_start:
         assign(work.memory[EARLIER], a0)
-        equation_derivatives(t, d, held.pressure, held.wrench, q0, v0, a0)
+        equation_derivatives(t, d, held.pressure, held.wrench, Motion(q0, v0, v0, a0))
         internal_slopes(t, z0, v0, v0, 0.0, s.slope)
         good = _implicit_stage(t, room, stages, -1, h)
     for k in range(own):
@@ -86,7 +87,7 @@ def follow_implicit(
             a[b] = work.acceleration[b] if last else (work.v_stage[b] - v_base) / (h * c.c_v)
             q[b] = q_base + h * h * c.c_q * a[b]
             v[b] = v_base + h * c.c_v * a[b]
-        equation_derivatives(t, d, held.pressure, held.wrench, q, v, a)
+        equation_derivatives(t, d, held.pressure, held.wrench, Motion(q, v, v, a))
         internal_slopes(t, z_last, v_last, v, h * c.span, s.slope)
         good = good and _implicit_stage(t, room, stages, k, h)
         assign(v, v_last)

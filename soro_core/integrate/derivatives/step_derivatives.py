@@ -25,13 +25,14 @@ from soro_core.integrate.derivatives.sensitivity import (
     make_sensitivity,
 )
 from soro_core.integrate.state import State
-from soro_core.integrate.step_work import ArmState, StepInput
+from soro_core.integrate.step_work import StepInput
 from soro_core.integrate.steppers.scheme import Scheme
 from soro_core.integrate.steppers.tableau import Tableau
 from soro_core.model.checks import flat_wrench, shaped
 from soro_core.model.checks import refuse_underivable as refuse_arm
 from soro_core.model.dynamics import GOOD, NOT_FINITE, SINGULAR
 from soro_core.model.links.linear import assign_matrix, clear_matrix
+from soro_core.model.records import ArmState
 from soro_core.pneumatics.valve_model import ValveModel
 
 if TYPE_CHECKING:

@@ -27,11 +27,12 @@ from soro_core.model.links.articulated import complete_rigid
 from soro_core.model.links.lie import add, dot6, wrench_to_parent
 from soro_core.model.links.linear import clear, clear_matrix
 from soro_core.model.links.sweep import start
+from soro_core.model.records import Motion
 from soro_core.model.tables import Tables
 
 
 @inner
-def _outward(t: Tables, d: DerivativeWork, q: Array, qd: Array, a: Array) -> None:
+def _outward(t: Tables, d: DerivativeWork, motion: Motion) -> None:
     """Fill `d` with what each link has by itself."""
     for by in range(3):
         clear_matrix(d.equation[by])
@@ -49,9 +50,9 @@ def _outward(t: Tables, d: DerivativeWork, q: Array, qd: Array, a: Array) -> Non
         clear_matrix(d.inertia[i])
         clear_matrix(d.turn[i])
         if t.varying[i]:
-            pass_varying(t, d, i, q, qd, a)
+            pass_varying(t, d, i, motion)
         else:
-            pass_constant(t, d, i, q, qd, a)
+            pass_constant(t, d, i, motion)
 
 
 @inner
@@ -106,7 +107,7 @@ def _inward(t: Tables, d: DerivativeWork, wrench: Array) -> None:
         _meet(d, first, behind)
         if i > 0:
             f = d.wrench[i]
-            add(f[0], f[1], f[2], f[3], f[4], f[5], 1.0, F)
+            add((f[0], f[1], f[2], f[3], f[4], f[5]), 1.0, F)
             complete_rigid(d.inertia[i])
             for r in range(6):
                 for c in range(6):
@@ -118,10 +119,10 @@ def _inward(t: Tables, d: DerivativeWork, wrench: Array) -> None:
 
 
 @inner
-def inverse_derivatives(t: Tables, d: DerivativeWork, wrench: Array, q: Array, qd: Array, a: Array) -> None:
+def inverse_derivatives(t: Tables, d: DerivativeWork, wrench: Array, motion: Motion) -> None:
     """d.equation <- derivatives of M a + C qd + G - J_tip' wrench by a, q and qd.
 
     Only the lower triangle of the first, the inertia matrix, is written.
     """
-    _outward(t, d, q, qd, a)
+    _outward(t, d, motion)
     _inward(t, d, wrench)

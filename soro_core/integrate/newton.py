@@ -46,7 +46,8 @@ def solve_stage(
     """
     t, work = run.tables, run.work
     x, q_base, v_base, r = work.acceleration, work.q_base, work.v_base, work.residual
-    q, v, z = at.q, at.v, at.z
+    q, v, z = at
+    v0, z0 = last.v, last.z
     c_q, c_v, span = equation.c_q, equation.c_v, equation.span
     n_q = x.shape[0]
     done, factored = False, False
@@ -59,8 +60,8 @@ def solve_stage(
         code = check(t, q, v)
         if code != GOOD:
             return code
-        advance_internal(t, last.z, (last.v, v), span, z, work.tangent)
-        if not breathe(outside.air, run, q, last.z, span, z):
+        advance_internal(t, z0, (v0, v), span, z, work.tangent)
+        if not breathe(outside.air, run, q, z0, span, z):
             return CLOSED
         if done:
             return GOOD if finite(z) else NOT_FINITE

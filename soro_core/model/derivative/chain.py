@@ -27,12 +27,11 @@ from soro_core.model.links.articulated import complete_rigid
 from soro_core.model.links.lie import add, dot6, wrench_to_parent
 from soro_core.model.links.linear import clear, clear_matrix
 from soro_core.model.links.sweep import start
-from soro_core.model.records import Motion
 from soro_core.model.tables import Tables
 
 
 @inner
-def _outward(t: Tables, d: DerivativeWork, motion: Motion) -> None:
+def _outward(t: Tables, d: DerivativeWork, q: Array, qd: Array, a: Array) -> None:
     """Fill `d` with what each link has by itself."""
     for by in range(3):
         clear_matrix(d.equation[by])
@@ -50,9 +49,9 @@ def _outward(t: Tables, d: DerivativeWork, motion: Motion) -> None:
         clear_matrix(d.inertia[i])
         clear_matrix(d.turn[i])
         if t.varying[i]:
-            pass_varying(t, d, i, motion)
+            pass_varying(t, d, i, q, qd, a)
         else:
-            pass_constant(t, d, i, motion)
+            pass_constant(t, d, i, q, qd, a)
 
 
 @inner
@@ -119,10 +118,10 @@ def _inward(t: Tables, d: DerivativeWork, wrench: Array) -> None:
 
 
 @inner
-def inverse_derivatives(t: Tables, d: DerivativeWork, wrench: Array, motion: Motion) -> None:
+def inverse_derivatives(t: Tables, d: DerivativeWork, wrench: Array, q: Array, qd: Array, a: Array) -> None:
     """d.equation <- derivatives of M a + C qd + G - J_tip' wrench by a, q and qd.
 
     Only the lower triangle of the first, the inertia matrix, is written.
     """
-    _outward(t, d, motion)
+    _outward(t, d, q, qd, a)
     _inward(t, d, wrench)

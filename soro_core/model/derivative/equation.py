@@ -30,7 +30,7 @@ def equation_derivatives(
     That is H, each column by the rate at which its pressure acts: 0 within a dead band.
     """
     q = motion.q
-    inverse_derivatives(t, d, wrench, motion)
+    inverse_derivatives(t, d, wrench, q, motion.qd, motion.a)
     clear_matrix(d.block)
     add_stiffness(t, q, 1.0, d.block)
     add_pressure_stiffness(t, q, pressure, 1.0, d.block)

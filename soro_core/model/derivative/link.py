@@ -77,9 +77,8 @@ def _finish(d: DerivativeWork, first: int, m: int) -> None:
 
 
 @inner
-def pass_constant(t: Tables, d: DerivativeWork, i: int, motion: Motion) -> None:
+def pass_constant(t: Tables, d: DerivativeWork, i: int, q: Array, qd: Array, a: Array) -> None:
     """Pass along link i, of constant strain."""
-    q, qd, a = motion.q, motion.qd, motion.a
     first = t.offset[i]
     m = t.offset[i + 1] - first
     R, p = d.rotation[LINK], d.position[LINK]
@@ -108,7 +107,7 @@ def pass_constant(t: Tables, d: DerivativeWork, i: int, motion: Motion) -> None:
         along(s, y1, y2, d.tangent, k)
         combine(m, k, powers, d.rates, d.node)
         _place_slice(d, omega[0], s, LINK)
-        add_slice(d, i, LinkSlice(first, m, dm, k2), motion)
+        add_slice(d, i, LinkSlice(first, m, dm, k2), qd, a)
         # Sums of the forces by the coefficients, for `curvature`.
         power = s * s * s
         for e in range(5):
@@ -169,7 +168,7 @@ def _summands(t: Tables, d: DerivativeWork, i: int, k: int, h: float) -> int:
 
 
 @inner
-def pass_varying(t: Tables, d: DerivativeWork, i: int, motion: Motion) -> None:
+def pass_varying(t: Tables, d: DerivativeWork, i: int, q: Array, qd: Array, a: Array) -> None:
     """Pass along link i, of varying strain."""
     first = t.offset[i]
     m = t.offset[i + 1] - first
@@ -190,7 +189,7 @@ def pass_varying(t: Tables, d: DerivativeWork, i: int, motion: Motion) -> None:
         assign(d.twists[NODE_ACCELERATION], A)
         assign(d.wrench[i], d.force[i, k, 0])
         omega, powers = d.omega[i, k], d.powers[i, k]
-        _strains(t, d, i, k, motion)
+        _strains(t, d, i, k, Motion(q, qd, qd, a))
         for order in range(3):
             for r in range(6):
                 omega[order, r] = 0.5 * h * (d.jet[0, order, r] + d.jet[1, order, r])
@@ -215,5 +214,5 @@ def pass_varying(t: Tables, d: DerivativeWork, i: int, motion: Motion) -> None:
                     d.node[order, j, r] += f1 * d.pieces[order, g, r] + f2 * d.pieces[order, g + 1, r]
         _place_slice(d, omega[0], 1.0, SECTION)
         _, dm, k2 = node(t, i, k, t.mass, t.tip_mass[0])
-        add_slice(d, i, LinkSlice(first, m, dm, k2), motion)
+        add_slice(d, i, LinkSlice(first, m, dm, k2), qd, a)
     _finish(d, first, m)

@@ -28,7 +28,6 @@ from soro_core.model.derivative.work import (
 from soro_core.model.links.lie import add, add_coad, dot6
 from soro_core.model.links.link import momentum
 from soro_core.model.links.sweep import add_rigid, move
-from soro_core.model.records import Motion
 
 
 @inner
@@ -87,13 +86,12 @@ class LinkSlice(NamedTuple):
 
 
 @inner
-def add_slice(d: DerivativeWork, i: int, of: LinkSlice, motion: Motion) -> None:
+def add_slice(d: DerivativeWork, i: int, of: LinkSlice, qd: Array, a: Array) -> None:
     """Add the slice of link i at the pose SLICE with the columns `d.node`; leave its motion and force.
 
     What the links inward need of this one is left out for the first link.
     """
     first, m, dm, k2 = of
-    qd, a = motion.qd, motion.a
     R, p = d.rotation[SLICE], d.position[SLICE]
     V, A = d.twists[NODE_TWIST], d.twists[NODE_ACCELERATION]
     h, f = d.twists[MOMENTUM], d.twists[FORCE]

@@ -21,7 +21,7 @@ from soro_core.model.method import (
     make_work,
     tip_mass_force,
 )
-from soro_core.model.records import ArmState, Masses, Motion, Section
+from soro_core.model.records import ArmState, CrossSection, Masses, Motion
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Arm
 
@@ -115,7 +115,7 @@ def external_forces(box: Box, q: Array, qd: Array, wrench: Array, tau: Array, fo
 def pose_and_jacobian(box: Box, site: Site, q: Array, R: Array, p: Array, J: Array) -> None:
     """Pose (R, p) in the world and body Jacobian, transposed (n_q, 6)."""
     arm = view(box)
-    kinematics(arm.tables, arm.work, site, q, Section(R, p, J))
+    kinematics(arm.tables, arm.work, site, q, CrossSection(R, p, J))
 
 
 @entry
@@ -124,7 +124,7 @@ def sections(box: Box, site: Site, q: Array, poses: Array) -> None:
     arm = view(box)
     R, p, J = np.empty((3, 3)), np.empty(3), np.empty((q.shape[1], 6))
     for k in range(q.shape[0]):
-        kinematics(arm.tables, arm.work, site, q[k], Section(R, p, J))
+        kinematics(arm.tables, arm.work, site, q[k], CrossSection(R, p, J))
         poses[k, :3, :3], poses[k, :3, 3], poses[k, 3, :3], poses[k, 3, 3] = R, p, 0.0, 1.0
 
 

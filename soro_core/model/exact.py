@@ -10,7 +10,7 @@ from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.links.link_kinematics import along_constant, begin_varying, step_varying, whole_step
 from soro_core.model.links.sweep import DRIVEN, FREE, NO, REFERENCE, YES, move, sweep
-from soro_core.model.records import Asked, Masses, Motion, Section, SubInterval, TangentFactors
+from soro_core.model.records import Asked, CrossSection, Masses, Motion, SubInterval, TangentFactors
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import (
     BASE_ACCELERATION,
@@ -219,12 +219,12 @@ def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
 
 
 @inner
-def kinematics(t: Tables, w: Work, site: Site, q: Array, at: Section) -> None:
+def kinematics(t: Tables, w: Work, site: Site, q: Array, at: CrossSection) -> None:
     """at <- pose in the world and body Jacobian, transposed (n_q, 6), at a place of the arm."""
     R, p, J = at
     B1 = w.node
     R1, p1 = w.frame_rotation[NODE], w.frame_position[NODE]
-    on_link = Section(R1, p1, B1)
+    on_link = CrossSection(R1, p1, B1)
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
     clear_matrix(J)

@@ -38,7 +38,7 @@ class Masses(NamedTuple):
     gravity: Array
 
 
-class Section(NamedTuple):
+class CrossSection(NamedTuple):
     """A section: its pose (R, p), and the columns of coordinates there, one a row, (n, 6)."""
 
     R: Array

@@ -26,7 +26,7 @@ from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, 
 from soro_core.model.forces.internal import advance_internal
 from soro_core.model.links.linear import assign, clear, lu_factor, lu_solve
 from soro_core.model.method import acceleration, kinematics
-from soro_core.model.records import Motion, Section
+from soro_core.model.records import CrossSection, Motion
 from soro_core.model.tables import CREEP
 
 # Corrections of a step, of which a running filter needs one; and the change of q in the last, as a strain.
@@ -72,7 +72,7 @@ def loaded_acceleration(arm: FilterArm, q: Array, v: Array, z: Array, pressure: 
         for j in range(n):
             force[i] += w.slope[i, j] * q[j]
     if w.lost[0] < 0.0:
-        kinematics(t, arm.work, s.tip, q, Section(w.rotation, w.position, w.columns))
+        kinematics(t, arm.work, s.tip, q, CrossSection(w.rotation, w.position, w.columns))
         for r in range(3):
             w.wrench[3 + r] = 0.0
             for k in range(3):

@@ -18,7 +18,7 @@ from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.links.link_kinematics import along_constant, begin_varying, step_varying, whole_step
 from soro_core.model.links.point import add_point_force, move_point, point_momentum
-from soro_core.model.records import Motion, Section, SubInterval, TangentFactors
+from soro_core.model.records import CrossSection, Motion, SubInterval, TangentFactors
 from soro_core.model.tables import CONTACT, HELD, External, NoExternal, Tables
 from soro_core.model.work import (
     LINK_BASE,
@@ -48,7 +48,7 @@ def _visit(t: Tables, w: Work, wrench: Array, motion: Motion, factors: TangentFa
     R_node, p_node = w.site_rotation[WALKED], w.site_position[WALKED]
     Rs, ps = w.site_rotation[SITE], w.site_position[SITE]
     B_node, B1 = w.site_columns[WALKED_COLUMNS], w.site_columns[SITE_COLUMNS]
-    walked, site = Section(R_node, p_node, B_node), Section(Rs, ps, B1)
+    walked, site = CrossSection(R_node, p_node, B_node), CrossSection(Rs, ps, B1)
     energy = 0.0
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)

@@ -8,13 +8,13 @@ from soro_core.model.links.lie import exponential, stumpff, tangent_coefficients
 from soro_core.model.links.linear import clear, clear_matrix
 from soro_core.model.links.link import ad_powers, columns_at, strain_twist
 from soro_core.model.links.magnus import magnus_step
-from soro_core.model.records import Motion, Section, SubInterval
+from soro_core.model.records import CrossSection, Motion, SubInterval
 from soro_core.model.tables import Tables
 from soro_core.model.work import STRAIN, Work
 
 
 @inner
-def along_constant(t: Tables, w: Work, i: int, s: float, q: Array, at: Section) -> None:
+def along_constant(t: Tables, w: Work, i: int, s: float, q: Array, at: CrossSection) -> None:
     """at <- the section `s` metres along link i, of constant strain."""
     xi, c, a = w.vectors[STRAIN], w.stumpff, w.tangent
     strain_twist(t, i, q, xi)
@@ -26,7 +26,7 @@ def along_constant(t: Tables, w: Work, i: int, s: float, q: Array, at: Section) 
 
 
 @inner
-def begin_varying(at: Section) -> None:
+def begin_varying(at: CrossSection) -> None:
     """at <- the base of a link."""
     R, p, B1 = at
     clear_matrix(B1)
@@ -42,6 +42,6 @@ def whole_step(t: Tables, i: int, k: int) -> SubInterval:
 
 
 @inner
-def step_varying(t: Tables, w: Work, i: int, step: SubInterval, q: Array, at: Section) -> None:
+def step_varying(t: Tables, w: Work, i: int, step: SubInterval, q: Array, at: CrossSection) -> None:
     """Advance a section of link i, of varying strain, over a sub-interval."""
     magnus_step(t, w, i, step, Motion(q, w.zero, w.zero, w.zero), at)

@@ -15,7 +15,7 @@ from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.model.links.lie import add_ad, compose, exponential, stumpff, tangent_coefficients, to_parent
 from soro_core.model.links.linear import clear
-from soro_core.model.records import Motion, Section, SubInterval
+from soro_core.model.records import CrossSection, Motion, SubInterval
 from soro_core.model.tables import Tables
 from soro_core.model.work import (
     COLUMN_RATE,
@@ -64,7 +64,7 @@ def _tangent(X: Array, omega: Array, a: Array, powers: Array, out: Array) -> Non
 
 
 @inner
-def magnus_step(t: Tables, w: Work, i: int, step: SubInterval, motion: Motion, at: Section) -> None:
+def magnus_step(t: Tables, w: Work, i: int, step: SubInterval, motion: Motion, at: CrossSection) -> None:
     """Advance pose and columns B1 (m, 6) of a section, and w.vectors[COLUMN_RATE] = d/dt(B1) v."""
     h, shape = step
     q, qd, v, _ = motion
@@ -133,7 +133,7 @@ def magnus_step(t: Tables, w: Work, i: int, step: SubInterval, motion: Motion, a
 
 
 @inner
-def _add_columns(t: Tables, w: Work, i: int, step: SubInterval, at: Section) -> None:
+def _add_columns(t: Tables, w: Work, i: int, step: SubInterval, at: CrossSection) -> None:
     """B1 += Ad_g T dOmega/dq, strain by strain; neighbours of one strain share X_1 and X_2."""
     h, shape = step
     R, p, B1 = at

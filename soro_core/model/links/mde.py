@@ -21,7 +21,7 @@ from soro_core.model.links.linear import (
     clear_matrix,
 )
 from soro_core.model.links.magnus import strain_at
-from soro_core.model.records import Masses, Section, SubInterval
+from soro_core.model.records import CrossSection, Masses, SubInterval
 from soro_core.model.tables import Tables
 
 
@@ -115,7 +115,7 @@ def _accumulate(n: int, of: MdeSlice, R: Array, y: MdePass) -> None:
 
 
 @inner
-def begin_pass(t: Tables, at: Section, M: Array, C: Array, G: Array) -> MdePass:
+def begin_pass(t: Tables, at: CrossSection, M: Array, C: Array, G: Array) -> MdePass:
     """Return the state at the base; pose and Jacobian are those of `at`."""
     n_q = t.basis.shape[0]
     assign_matrix(t.base_rotation, at.R)
@@ -132,7 +132,7 @@ def terms(t: Tables, masses: Masses, q: Array, qd: Array, out: MdeTerms) -> None
     clear_matrix(out.C)
     clear(out.G)
     clear_matrix(out.J)
-    y = begin_pass(t, Section(np.empty((3, 3)), np.empty(3), out.J), out.M, out.C, out.G)
+    y = begin_pass(t, CrossSection(np.empty((3, 3)), np.empty(3), out.J), out.M, out.C, out.G)
     for i in range(t.length.shape[0]):
         h = t.length[i] / t.steps
         of = MdeSlice(masses.link[i] / t.steps, 0.25 * t.radius[i] * t.radius[i], masses.gravity)

@@ -19,7 +19,7 @@ from soro_core.model.links.mde import (
     terms,
 )
 from soro_core.model.links.sweep import NO
-from soro_core.model.records import Masses, Motion, Section, SubInterval, TangentFactors
+from soro_core.model.records import CrossSection, Masses, Motion, SubInterval, TangentFactors
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Work
 
@@ -105,7 +105,7 @@ def solve(t: Tables, w: Work, x: Array) -> None:
 
 
 @inner
-def kinematics(t: Tables, w: Work, site: Site, q: Array, at: Section) -> None:
+def kinematics(t: Tables, w: Work, site: Site, q: Array, at: CrossSection) -> None:
     """at <- pose and body Jacobian, transposed (n_q, 6), at a place; the last step may be shorter."""
     qd, massless = w.zero, MdeSlice(0.0, 0.0, t.gravity)
     y = begin_pass(t, at, w.mde_inertia, w.mde_coriolis, w.bias)

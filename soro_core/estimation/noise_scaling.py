@@ -19,7 +19,7 @@ from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import strain_fields
 
-CrossSection = TypeVar("CrossSection", bound=Strict)
+Section = TypeVar("Section", bound=Strict)
 
 # Figures of a ratio: the noises are not known better, and the arm that they are tuned for gets exactly 1.
 _FIGURES = 3
@@ -125,7 +125,7 @@ def _ratio(value: float, tuned: float) -> float:
     return float(f"{value / tuned:.{_FIGURES}g}")
 
 
-def _scaled(section: CrossSection, default: CrossSection, ratios: dict[str, float]) -> CrossSection:
+def _scaled(section: Section, default: Section, ratios: dict[str, float]) -> Section:
     """Return a section in which each value that is the default is multiplied by its ratio."""
     values = {
         name: getattr(default, name) * ratio

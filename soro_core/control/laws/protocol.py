@@ -124,7 +124,7 @@ class Setting:
     fields : StrainFields
         Its strains.
     gains : FeedbackGains
-        CrossSection `gains` in the coordinates of the arm.
+        Section `gains` in the coordinates of the arm.
     config : ControllerConfig
     pressures : CompletePressures
         Bounds, lag and dead time.

@@ -20,7 +20,7 @@ DEFAULT_RATE_HZ = 200.0
 
 
 class CompletePressures(AllocationConfig):
-    """CrossSection `pressures` with a value for every key."""
+    """Section `pressures` with a value for every key."""
 
     minimum_pa: float
     maximum_pa: float
@@ -48,7 +48,7 @@ def complete_pressures(
     Parameters
     ----------
     pressures : AllocationConfig
-        CrossSection of the controller file.
+        Section of the controller file.
     limits : Limits, optional
         Limits of the limiter that the set points pass. Without them, missing keys get the defaults of
         `Limits`, and no stated value is replaced.
@@ -94,7 +94,7 @@ def contradictions(pressures: AllocationConfig, limits: Limits, response: Regula
     Parameters
     ----------
     pressures : AllocationConfig
-        CrossSection of the controller file.
+        Section of the controller file.
     limits : Limits
         Limits of the limiter.
     response : RegulatorModel

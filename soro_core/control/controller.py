@@ -15,7 +15,6 @@ from soro_core.control.bumpless import apply_transfer
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.control_monitor import ControlMonitorState, update_monitor
-from soro_core.control.creep import advance_creep
 from soro_core.control.external_references import GivenReferences
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.call import call_law
@@ -250,7 +249,7 @@ class Controller(GivenReferences):
             setpoint_pa=made.command_pa,
             model_pa=made.model_pa,
             wish_pa=wish.pressure_pa,
-            creep=advance_creep(self.arm, state.creep, q, qd, dt),
+            creep=self.arm.internal_midpoint(q, qd, state.creep, dt),
             saturated=made.at_bound,
             regulators=regulators and self.observer.commanded(regulators, made.command_pa),
             following=following,

@@ -151,7 +151,7 @@ NARROWED = ("minimum_pa", "maximum_pa", "rise_pa_s", "fall_pa_s")
 _LEAST = ("minimum_pa",)
 
 
-def narrowed(limits: Limits, wanted: Limits, where: str, key: str = "limits") -> Limits:
+def narrowed(limits: Limits, wanted: Limits, where: str) -> Limits:
     """Return limits with the range and the rates of others that are nowhere wider.
 
     Parameters
@@ -160,8 +160,8 @@ def narrowed(limits: Limits, wanted: Limits, where: str, key: str = "limits") ->
         Limits as configured.
     wanted : Limits
         Limits from now on.
-    where, key : str
-        Node and key of the limits in errors.
+    where : str
+        Node in errors.
 
     Raises
     ------
@@ -175,7 +175,7 @@ def narrowed(limits: Limits, wanted: Limits, where: str, key: str = "limits") ->
             continue
         side = ("at least " if is_least else "at most ") if name in NARROWED else ""
         allowed = f"{side}{now}, as configured; another value {NEXT_CONFIGURE}"
-        raise ConfigError(where, f"{key}.{name}", later, allowed)
+        raise ConfigError(where, f"limits.{name}", later, allowed)
     return with_changes(limits, **{name: getattr(wanted, name) for name in NARROWED})
 
 
@@ -209,7 +209,7 @@ def for_regulators(limits: Limits, update_hz: float, reading_age_s: float, where
     return with_changes(limits, reading_age_s=age_s)
 
 
-def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits") -> None:
+def check_rating(limits: Limits, rating: Rating, where: str) -> None:
     """Refuse limits beyond a platform's rating.
 
     Parameters
@@ -218,8 +218,8 @@ def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits"
         Limits of commands and readings.
     rating : Rating
         Rating of the platform.
-    where, key : str
-        File and key of the limits in errors.
+    where : str
+        File in errors.
 
     Raises
     ------
@@ -230,13 +230,13 @@ def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits"
     rated = f"the platform is rated for {rating.minimum_pa:g} to {top:g} Pa"
     if limits.maximum_pa >= top:
         allowed = f"input should be less than {top:g}: {rated}"
-        raise ConfigError(where, f"{key}.maximum_pa", limits.maximum_pa, allowed)
+        raise ConfigError(where, "limits.maximum_pa", limits.maximum_pa, allowed)
     for name, value, most in (
         ("over_pressure_pa", limits.over_pressure_pa, OVER_PRESSURE * top),
         ("burst_pressure_pa", limits.burst_pressure_pa, BURST * top),
     ):
         if value > most:
-            raise ConfigError(where, f"{key}.{name}", value, f"at most {most:g}: {rated}")
+            raise ConfigError(where, f"limits.{name}", value, f"at most {most:g}: {rated}")
     if limits.minimum_pa < rating.minimum_pa:
         allowed = f"at least {rating.minimum_pa:g}: {rated}"
-        raise ConfigError(where, f"{key}.minimum_pa", limits.minimum_pa, allowed)
+        raise ConfigError(where, "limits.minimum_pa", limits.minimum_pa, allowed)

@@ -10,8 +10,8 @@ from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_core.safety import Limits, trips_above
 from soro_core.twin.config import SensorConfig, TwinSection
-from soro_lab.scaffold.annotated import Noted, rounded
 from soro_lab.scaffold.arm import NewArm
+from soro_lab.scaffold.quantity import Noted, rounded
 from soro_lab.scaffold.reference import FirstReference
 
 RATE_HZ = 200.0

@@ -1,11 +1,12 @@
-"""Reading a scene file: what it names is found beside it, and options change its keys."""
+"""Reading a scene file: what it names is found beside it, options change its keys; the shipped scenes."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from soro_core.config import find_config, parse, read_yaml, with_changes
+from soro_core.config import config_folder, find_config, parse, read_yaml, with_changes
 from soro_core.errors import ConfigError
 from soro_core.safety import check_rating, rating_of
 from soro_lab.scene.limits import default_limits
@@ -70,3 +71,47 @@ def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:
             raise ConfigError(where, key, value, f"{parent} is a value, not a section")
         data = inner
     data[leaf] = value
+
+
+@dataclass(frozen=True)
+class Listing:
+    """The YAML files of a folder.
+
+    Attributes
+    ----------
+    scenes : tuple of Scene
+        In the order of their files.
+    wrong : tuple of str
+        A line for each scene that cannot be read.
+    others : tuple of str
+        The files that are no scenes, and why.
+    """
+
+    scenes: tuple[Scene, ...]
+    wrong: tuple[str, ...]
+    others: tuple[str, ...]
+
+
+def shipped_folder() -> Path:
+    """Folder of the shipped scenes."""
+    return config_folder() / "scenes"
+
+
+def scenes_in(folder: Path) -> Listing:
+    """Return the scenes of a folder: the YAML files all of whose keys are those of a scene.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+    scenes, wrong, others = [], [], []
+    for file in sorted(folder.glob("*.yaml")):
+        try:
+            foreign = [key for key in read_yaml(file) if key not in Scene.model_fields]
+            if foreign:
+                others.append(f"{file.name} (key {foreign[0]})")
+                continue
+            scenes.append(load_scene(file))
+        except ConfigError as error:
+            wrong.append(str(error))
+    return Listing(tuple(scenes), tuple(wrong), tuple(others))

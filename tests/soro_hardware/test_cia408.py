@@ -14,7 +14,7 @@ from soro_hardware.canopen.cia408 import (
     pascal_per_count,
     state_of,
 )
-from soro_hardware.canopen.pdo import Mapped, PdoLayout
+from soro_hardware.canopen.device import Mapped, PdoLayout
 from soro_hardware.transport.frame import Frame
 
 S = ValveState

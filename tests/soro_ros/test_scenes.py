@@ -5,7 +5,7 @@ import pytest
 
 from soro_core.control.reference_feasibility import check_reach
 from soro_lab.scene import check_scene, load_scene
-from soro_lab.scene.listing import scenes_in, shipped_folder
+from soro_lab.scene.load import scenes_in, shipped_folder
 from soro_lab.scene.loop import loop_of
 from tests.soro_ros.in_process import lockstep, without_valves
 

@@ -223,9 +223,9 @@ class ControllerConfig(Strict):
     )
     probe_at_enable: Literal["refuse", "warn", "off"] | None = Field(
         None,
-        description="what a finding of the probe does: a small pressure in each chamber before the law begins "
-        "shows whether wiring, base and valves are those of the files; default: refuse in real time, off in "
-        "lockstep",
+        description="what a finding of the probe does: a small pressure in each chamber before the law "
+        "begins shows whether wiring, base and valves are those of the files; default: refuse in real time, "
+        "off in lockstep",
     )
     enable: EnableBounds = Field(EnableBounds(), description="bounds of the checks before ~/enable")
 

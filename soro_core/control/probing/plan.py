@@ -147,7 +147,7 @@ def _ceiling(known: ProbedArm, chamber: int, high_pa: float, rests: list[tuple[f
             continue
         pressure *= 0.5
     for _ in range(_HALVINGS):
-        if all(_stays(known, pressure * one, load, q) for load, q in rests):
+        if rests and all(_stays(known, pressure * one, load, q) for load, q in rests):
             return pressure
         pressure *= 0.5
         if pressure < _LEAST_PA:

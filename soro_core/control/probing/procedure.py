@@ -141,6 +141,15 @@ class Probe:
         self.plan = plan_probe(known)
         self._model = WiringModel(known.arm, known.heaviest_kg)
 
+    def warm_up(self) -> None:
+        """Judge once without effect: imports and compilation take longer than a tick."""
+        n_q, n_u = self._known.arm.n_q, len(self.plan.names)
+        held = HeldState(np.full(n_q, 1e-3), np.zeros(n_q), np.zeros(n_q), np.zeros(n_u))
+        judge_answers(self._model, self.plan.names, (held, held))
+        t = 0.01 * np.arange(50.0)
+        command = np.repeat(np.where(t < 0.1, 1.0, 0.0)[:, None], n_u, axis=1)
+        judge_dead_time(self.plan.names, t, command, command, self.plan.dead_time_s)
+
     def initial_state(self) -> ProbeState:
         """Return the state before the first tick."""
         return ProbeState(np.zeros(len(self.plan.names)), lenient=self._lenient)

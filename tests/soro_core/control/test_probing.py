@@ -236,7 +236,7 @@ def test_no_pressure_leaves_the_limits_of_motion_by_the_model_under_its_heaviest
 def test_without_the_key_nothing_is_probed():
     one = scene(how="off")
     assert loop_of(one).controller.probe is None
-    unset = with_changes(one, controller=with_changes(one.controller, probe_at_enable=None))
+    unset = with_changes(one, controller=with_changes(one.controller, probe_at_enable="auto"))
     assert loop_of(unset).controller.probe is None
     assert loop_of(unset).controller.initial_state().probe is None
 

@@ -138,7 +138,7 @@ def section(scene: Scene, figures: dict[str, Any]) -> str:
         result += f"; tip error in the last 5 s {1e3 * error:.2f} mm RMS, {part:.1%} of the length"
     elif figures["reason"]:
         result += f": {figures['reason']}"
-    picture = f"![{what}](images/gallery/{scene.name}.png)"
+    picture = f"![{scene.name}](images/gallery/{scene.name}.png)"
     file = f"[config/scenes/{scene.name}.yaml](../config/scenes/{scene.name}.yaml)"
     return f"## {scene.name}\n\n{what}\n\n{picture}\n\n{comment_of(scene)}\n\n{result}. {file}\n"
 

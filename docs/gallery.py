@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image
 
 from soro_lab.scene import Scene
-from soro_lab.scene.listing import scenes_in, shipped_folder
+from soro_lab.scene.load import scenes_in, shipped_folder
 from soro_ros.pictures import film, panels
 from soro_ros.recordings import report
 

@@ -45,10 +45,10 @@ Each scene below is a file that you can run, read and change:
     soro scenes set_points > my_scenes/mine.yaml     # with a copy to change,
     soro scenes --folder my_scenes                   # which is listed too
 
-The pictures show three things: the arm at the end of its run (colours are pressures, grey is the reference of
-the tip, red its path in the last seconds); the path of its tip from above, or the pressures; and the distance of
-the tip from its reference. The tip is the true one of the simulated arm. `make gallery` runs the scenes in
-lockstep and makes this page from them; `tests/soro_ros/test_scenes.py` runs the first seconds of each.
+The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
+its path in the last seconds), the path of its true tip from above, or the pressures, and the distance of the
+tip from its reference. `make gallery` runs the scenes in lockstep and makes this page from them;
+`tests/soro_ros/test_scenes.py` runs the first seconds of each.
 """
 
 

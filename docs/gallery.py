@@ -36,7 +36,7 @@ FLAT = 0.1
 
 HEADER = """# Scene gallery
 
-Each scene below is a file that you can run, read and change:
+Each [scene](README.md) below is a file that you can run, read and change:
 
     soro scenes                                      # prints name and purpose of each
     soro run set_points                              # in real time; --set mode=lockstep: without deadlines

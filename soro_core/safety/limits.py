@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict, with_changes
@@ -106,6 +109,40 @@ class Limits(Strict):
         if self.monitors.short_circuit_pa <= self.burst_pressure_pa:
             raise ValueError("monitors.short_circuit_pa must be above burst_pressure_pa")
         return self
+
+
+# Highest set point of a robot's range that leaves room for the trips above it [Pa gauge].
+_HIGHEST_PA = 0.9 * HIGHEST_RATING_PA
+
+
+def usable_range(range_pa: Sequence[float]) -> tuple[float, float]:
+    """Return the lowest and highest set point of the range of a robot, with 0 to vent [Pa gauge]."""
+    low, high = range_pa
+    return max(min(low, 0.0), -HARD_LIMIT_PA), min(max(high, 0.0), _HIGHEST_PA)
+
+
+def rating_of(range_pa: Sequence[float]) -> Rating:
+    """Return the rating where there is no platform: the range of the robot [Pa gauge] is the bound."""
+    usual = Limits()
+    above = usual.over_pressure_pa / usual.maximum_pa
+    return Rating(maximum_pa=max(HARD_LIMIT_PA, above * usable_range(range_pa)[1]))
+
+
+def trips_above(maximum_pa: float) -> dict[str, Any]:
+    """Return the trips above a highest set point [Pa gauge], by key, in the proportions of the defaults.
+
+    A monitor is there only where its default is too narrow.
+    """
+    usual = Limits()
+    part, monitors = maximum_pa / usual.maximum_pa, usual.monitors
+    burst_pa, model_pa = usual.burst_pressure_pa * part, min(monitors.model_pa * part, 30e3)
+    wider = {}
+    if monitors.short_circuit_pa <= 1.2 * burst_pa:
+        wider["short_circuit_pa"] = monitors.short_circuit_pa * part
+    if model_pa > monitors.model_pa:
+        wider["model_pa"] = model_pa
+    found = {"over_pressure_pa": usual.over_pressure_pa * part, "burst_pressure_pa": burst_pa}
+    return found | ({"monitors": wider} if wider else {})
 
 
 # Limits that can become narrower while pressures are on, without a step of a set point or a trip; those that

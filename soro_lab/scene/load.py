@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from soro_core.config import config_folder, find_config, parse, read_yaml
+from soro_core.config import config_folder, find_config, parse, read_yaml, with_changes
 from soro_core.errors import ConfigError
-from soro_core.safety import Rating, check_rating
+from soro_core.safety import check_rating, rating_of
 from soro_lab.scene.limits import default_limits
 from soro_lab.scene.scene import Scene
 
@@ -38,8 +38,11 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     data.setdefault("name", path.stem)
     scene = parse(data, Scene, where=str(path))
     platform = scene.loaded_platform
+    if scene.twin.regulator is not None:  # written, a part of its keys is all of them
+        scene = scene.with_twin(with_changes(scene.twin, regulator=scene.regulator))
     scene = scene.with_limits(default_limits(scene, str(path)))
-    check_rating(scene.limits, platform.rating if platform else Rating(), where=str(path))
+    rating = platform.rating if platform else rating_of(scene.loaded_robot.pressure_range_pa)
+    check_rating(scene.limits, rating, where=str(path))
     for number, fault in enumerate(scene.faults):
         if platform and fault.chamber and fault.chamber not in platform.chamber_names:
             allowed = f"one of {', '.join(platform.chamber_names)}"

@@ -18,7 +18,7 @@ import numpy as np
 
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
-from soro_core.adaptation.kernel.information import gain
+from soro_core.adaptation.kernel.information import LearningRule, RuleFields, gain
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.nonuniform_force import NonuniformForce
@@ -123,11 +123,20 @@ class Learner:
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.slope = self._slope()
-        self.noise = config.noise**2 * np.eye(arm.n_q)
+        noise = config.noise**2 * np.eye(arm.n_q)
         self.prior = np.diag(deviation**-2)
         self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
+        self._rule: RuleFields = LearningRule(
+            config.low_pass_per_s,
+            config.forget_s,
+            config.forget_factor,
+            config.mass_walk_per_s * config.mass_std_kg**2,
+            self.prior,
+            noise,
+            self.slope,
+        )[:]
         self._box = make_box(arm.tables)
         zero = np.zeros(arm.n_q)
         self._nothing = NonuniformForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
@@ -164,22 +173,18 @@ class Learner:
         scales, unmodelled = self.force.scales, sample.unmodelled or self._nothing
         code = show(
             self._box,
-            np.array(sample.q),
-            np.array(sample.qd),
-            qdd,
-            np.array(sample.pressure_pa),
-            np.array(sample.creep),
-            covariance,
-            scales.force,
-            scales.q,
-            unmodelled.mass_kg,
-            unmodelled.q,
-            unmodelled.force,
-            unmodelled.by_mass,
-            unmodelled.by_q,
+            (
+                np.array(sample.q),
+                np.array(sample.qd),
+                qdd,
+                np.array(sample.pressure_pa),
+                np.array(sample.creep),
+                covariance,
+            ),
+            (unmodelled.q, unmodelled.mass_kg, unmodelled.force, unmodelled.by_mass, unmodelled.by_q),
+            (scales.force, scales.q),
             part,
-            residual,
-            regressor,
+            (residual, regressor),
         )
         if code == NOT_FINITE:
             note = "a sample, or its force, that is not finite: not learned"
@@ -188,25 +193,12 @@ class Learner:
             raise fault(code, sample.q, sample.qd)
         if is_first and state.waited_s < _WAIT_S and self._doubtful(covariance):
             return replace(state, rate=sample.qd, waited_s=state.waited_s + dt, note="")
-        information, moment, theta = state.information.copy(), state.moment.copy(), np.empty(self.force.size)
-        is_determined = gain(
-            config.low_pass_per_s,
-            config.forget_s,
-            config.forget_factor,
-            config.mass_walk_per_s * config.mass_std_kg**2,
-            dt,
-            self.prior,
-            self.noise,
-            self.slope,
-            covariance,
-            residual,
-            regressor,
-            np.array(state.learned.theta),
-            information,
-            moment,
-            theta,
-        )
-        if not is_determined:  # a covariance that cancels the noise, for one
+        information, moment = state.information.copy(), state.moment.copy()
+        theta = np.array(state.learned.theta)
+        sides = residual, regressor
+        if not gain(
+            self._rule, dt, covariance, sides, (information, moment), theta
+        ):  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
         within = np.minimum(np.maximum(theta, self.lower), self.upper)
         at_bound_s = state.at_bound_s + dt if (within != theta).any() else 0.0

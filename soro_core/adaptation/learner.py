@@ -123,20 +123,11 @@ class Learner:
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.slope = self._slope()
-        noise = config.noise**2 * np.eye(arm.n_q)
+        self.noise = config.noise**2 * np.eye(arm.n_q)
         self.prior = np.diag(deviation**-2)
         self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
-        self._rule: RuleFields = LearningRule(
-            config.low_pass_per_s,
-            config.forget_s,
-            config.forget_factor,
-            config.mass_walk_per_s * config.mass_std_kg**2,
-            self.prior,
-            noise,
-            self.slope,
-        )[:]
         self._box = make_box(arm.tables)
         zero = np.zeros(arm.n_q)
         self._nothing = NonuniformForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
@@ -216,6 +207,18 @@ class Learner:
             at_bound_s=at_bound_s,
             note="",
         )
+
+    def _rule(self) -> RuleFields:
+        config = self.config
+        return LearningRule(
+            config.low_pass_per_s,
+            config.forget_s,
+            config.forget_factor,
+            config.mass_walk_per_s * config.mass_std_kg**2,
+            self.prior,
+            self.noise,
+            self.slope,
+        )[:]
 
     def follow(self, state: LearnerState, power: float, dt: float) -> LearnerState:
         """Return the state after a tick without positions: the mass follows the tracking error.

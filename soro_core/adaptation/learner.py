@@ -187,9 +187,8 @@ class Learner:
         information, moment = state.information.copy(), state.moment.copy()
         theta = np.array(state.learned.theta)
         sides = residual, regressor
-        if not gain(
-            self._rule, dt, covariance, sides, (information, moment), theta
-        ):  # a covariance that cancels the noise, for one
+        is_determined = gain(self._rule(), dt, covariance, sides, (information, moment), theta)
+        if not is_determined:  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
         within = np.minimum(np.maximum(theta, self.lower), self.upper)
         at_bound_s = state.at_bound_s + dt if (within != theta).any() else 0.0

@@ -88,7 +88,7 @@ def platform(layout: Layout) -> dict[str, Any]:
             "stale_cycles": 100,
             "stale_s": 0.5,
         },
-        "emulation": {"regulator": {"maximum_pa": 90e3}},
+        "regulator": {"maximum_pa": 90e3},
     }
 
 

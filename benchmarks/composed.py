@@ -27,7 +27,7 @@ DOMAIN = "59"
 RATES_HZ = (1000.0, 500.0)
 LOWER_HZ = (300.0, 250.0, 200.0, 150.0, 100.0)
 IN_TIME, CPU_SHARE, CPU_RATE_HZ = 0.995, 0.60, 500.0
-# Time until the cycles count [s]: the passage to the circle, and what is learned first.
+# Time until the cycles count [s]: the transition to the circle, and what is learned first.
 FIRST_S = 5.0
 # A process that compiles and then takes longer to start has failed [s].
 START_S = 240.0

@@ -90,7 +90,7 @@ class MeasuredTwin(TwinNode):
         cpu_s, wall_s, busy_s = (end - begin for begin, end in zip(self._start, now, strict=True))
         period_s = self._period_ns * 1e-9
         # The twin makes a tick when its period is over.
-        due = self._begun + (self._first_tick + 1 + np.arange(len(self._begins))) * period_s
+        due = self._start_s + (self._first_tick + 1 + np.arange(len(self._begins))) * period_s
         took, late = self._ends - due, self._begins - due
         ran = int(np.isfinite(late).sum())
         found = {

@@ -48,7 +48,12 @@ CASES = (
     Case("20 g", nis=(2.4, 3.6), tip=(2.0, 4.0), error_mm=(0.0, 0.22)),
     Case("20 g, circle in 2 s", reference={"period_s": 2.0}, error_mm=(0.0, 0.25)),
     # Its strains are constant along the link, so the learned model has no non-uniform strain.
-    Case("matched plant", {"refine": 1, "payload_kg": 0.0}, law_options={"uneven": False}, state=(4.0, 8.0)),
+    Case(
+        "matched plant",
+        {"refine": 1, "payload_kg": 0.0},
+        law_options={"nonuniform_strain": False},
+        state=(4.0, 8.0),
+    ),
 )
 
 
@@ -84,8 +89,8 @@ def run(options: Options) -> str:
             f"`law: composite`, from {AFTER_S:g} s on, means of seeds 1 to {len(seeds)} (smallest and "
             "largest of a seed). Position and tip have 3 components, (q, qd) has 6. The NIS is that of "
             "/diagnostics. A matched plant is the model of the filter, without a load and with strains that "
-            "are constant along the link (`law_options: {uneven: false}`); its sensors have the noise that "
-            "is declared.",
+            "are constant along the link (`law_options: {nonuniform_strain: false}`); its sensors "
+            "have the noise that is declared.",
             table(head, rows),
             f"Goals: {met(good)}",
         ]

@@ -19,7 +19,7 @@ from soro_design.parts.geometry import RodGeometry
 from soro_design.parts.specimen import RodSpecimen, make_specimen
 from soro_design.parts.sweeps import Backbone, backbone, follow
 from soro_design.robot_of_part.snapshots import snapshots
-from soro_design.robot_of_part.stages import Identified, identify
+from soro_design.robot_of_part.stages import PartIdentification, identify
 from soro_design.robot_of_part.written import mean_and_most, write_robot
 from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
@@ -66,7 +66,7 @@ def identified(options: Options) -> tuple[str, str]:
 
 
 def _row(name: str, options: Options) -> list[str]:
-    start, begun = time.perf_counter(), time.process_time()
+    start, started = time.perf_counter(), time.process_time()
     file = _coarse(load_part(name)) if options.quick else load_part(name)
     specimen = make_specimen(file)
     assert isinstance(specimen, RodSpecimen)
@@ -74,7 +74,7 @@ def _row(name: str, options: Options) -> list[str]:
     data = snapshots(specimen.z, states, name)
     found = identify(file, specimen, data, name)
     minutes = (time.perf_counter() - start) / 60.0
-    busy = (time.process_time() - begun) / 60.0
+    busy = (time.process_time() - started) / 60.0
     options.say(f"{name}, control")
     varying = identify(file, specimen, data, f"{name}_modes", 1, with_mesh_check=False)
     tip = under_control(found, varying)
@@ -112,7 +112,7 @@ def _states(file: PartFile, specimen: RodSpecimen, say: Callable[[str], None]) -
     return states
 
 
-def under_control(robot: Identified, plant: Identified) -> float:
+def under_control(robot: PartIdentification, plant: PartIdentification) -> float:
     """Return the error of the tip on a circle, root mean square of the last 6 s over the length."""
     with tempfile.TemporaryDirectory() as folder:
         files = [Path(folder) / f"{one.known.name}.yaml" for one in (robot, plant)]

@@ -9,9 +9,9 @@ from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from soro_core.config import with_changes
 from soro_design.topology import (
+    FinalPart,
     OptimiserState,
     Reanalysis,
-    Shape,
     Task,
     load_task,
     make_domain,
@@ -35,7 +35,7 @@ class Found:
     """A run with its final part."""
 
     state: OptimiserState
-    part: Shape
+    part: FinalPart
     moved: Reanalysis
     processor_s: float
 

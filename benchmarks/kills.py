@@ -75,7 +75,7 @@ def run(options: Options) -> str:
     columns = ("platform", "kills", "latched, slowest, ms", "at most, ms", "target", "recovery by reset only")
     return "\n\n".join(
         [
-            f"Driver killed (SIGKILL) at {HELD_PA / 1e3:g} kPa: time until the last chamber has begun to "
+            f"Driver killed (SIGKILL) at {HELD_PA / 1e3:g} kPa: time until the last chamber has started to "
             "vent (the valves' dead time of 5 ms within).",
             table(head, drivers),
             "Emulator killed (SIGKILL) under a driver at its rate: time until an exchange reports a fault "

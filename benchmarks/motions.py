@@ -67,9 +67,9 @@ def tick():
     time.sleep(max(due - time.perf_counter(), 0.0))
     now, q = node.get_clock().now().nanoseconds, getattr(node.state.point, "q", zero)
     receive(node, "chambers/state", messages.chambers(chambers, zero, now))
-    begun = time.perf_counter()
+    started = time.perf_counter()
     receive(node, "arm/state", messages.arm_state(names, q, zero, zero, now))
-    return 1e3 * (sent[-1] - begun), 1e3 * (time.perf_counter() - begun)
+    return 1e3 * (sent[-1] - started), 1e3 * (time.perf_counter() - started)
 
 tick()
 request(node, "~/enable_anyway")

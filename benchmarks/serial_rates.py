@@ -149,7 +149,8 @@ def _served(case: Case, budget_s: float, answer_s: float) -> Iterator[tuple[str,
             "cycle_hz": 200.0,
             "cycle_budget_s": budget_s,
             "line": _PATIENT,
-            "emulation": {"regulator": air, "answer_delay_s": answer_s},
+            "regulator": air,
+            "emulation": {"answer_delay_s": answer_s},
         }
         path.write_text(yaml.safe_dump({**common, **case.keys}))
         process = subprocess.Popen(

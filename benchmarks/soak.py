@@ -22,7 +22,7 @@ from rich.console import Console
 from benchmarks.composed_arm import parameter_file
 from benchmarks.report import figure, table
 from soro_core.errors import SoroError
-from soro_ros.run.supervisor import Supervisor
+from soro_ros.run.supervisor import RunMonitor
 from soro_ros.topics.diagnostics import ERROR
 
 NAMESPACE = "soak"
@@ -74,7 +74,7 @@ def look(pid: int, values: dict[str, str], t_s: float) -> Look:
     return Look(t_s, rss_mb, handles, threads, cpu_s, ticks + skipped, skipped)
 
 
-def watched(process: subprocess.Popen[bytes], supervisor: Supervisor, seconds: float) -> list[Look]:
+def watched(process: subprocess.Popen[bytes], supervisor: RunMonitor, seconds: float) -> list[Look]:
     """Look once a second for a time, from the moment on in which the arm is in control.
 
     Raises
@@ -140,7 +140,7 @@ def soak(
         arguments = ["--ros-args", "-r", f"__ns:=/{NAMESPACE}", "--params-file", str(parameters)]
         process = subprocess.Popen([sys.executable, "-m", "soro_ros.nodes.arm", *arguments])
         try:
-            with Supervisor(NAMESPACE) as supervisor:
+            with RunMonitor(NAMESPACE) as supervisor:
                 looks = watched(process, supervisor, 60.0 * minutes)
         except SoroError as error:
             console.print(f"soak: {error}", markup=False, soft_wrap=True)

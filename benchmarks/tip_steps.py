@@ -22,7 +22,7 @@ from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Robot
-from soro_lab.identification.arm.cases.case import Path
+from soro_lab.identification.arm.cases.case import ArmMotion
 from soro_lab.identification.recording import Columns, read_csv
 from soro_lab.identification.recording.sources.assumed_pressure import stated_pressure
 
@@ -99,7 +99,7 @@ def read_tip_run(file: File, columns: str, robot: Robot) -> TipRun:
 
     Parameters
     ----------
-    file : Path
+    file : ArmMotion
     columns : str
         Column map with stated levels.
     robot : Robot
@@ -128,7 +128,7 @@ def plane_of(runs: Sequence[TipRun], down: Array) -> Plane:
     return Plane(across / np.linalg.norm(across), down)
 
 
-def swung(arm: SoftArm, levels: Levels, t_end: float) -> Path:
+def swung(arm: SoftArm, levels: Levels, t_end: float) -> ArmMotion:
     """Simulate an arm from its rest under stepped pressure.
 
     Parameters
@@ -152,17 +152,17 @@ def swung(arm: SoftArm, levels: Levels, t_end: float) -> Path:
     q, qd = np.asarray(result.q, float), np.asarray(result.qd, float)
     if len(q) != len(t) or not np.isfinite(q).all():
         raise ModelError(f"the simulation failed: {result.status.message}", "pressure")
-    return Path(t, q, qd)
+    return ArmMotion(t, q, qd)
 
 
-def shown(arm: SoftArm, path: Path, t: Array, place: Sequence[float]) -> Array:
+def shown(arm: SoftArm, path: ArmMotion, t: Array, place: Sequence[float]) -> Array:
     """Return the motion (n, 2) [m] across and down of a point on the cross-section of the tip.
 
     Parameters
     ----------
     arm : SoftArm
         Hanging along -z; it bends in the plane of x and z.
-    path : Path
+    path : ArmMotion
     t : (n,)
         Times [s].
     place : (2,)
@@ -175,14 +175,14 @@ def shown(arm: SoftArm, path: Path, t: Array, place: Sequence[float]) -> Array:
     return np.column_stack([moved[:, 0], -moved[:, 2]])
 
 
-def place_of(arm: SoftArm, runs: Sequence[TipRun], paths: Sequence[Path], plane: Plane) -> Array:
+def place_of(arm: SoftArm, runs: Sequence[TipRun], paths: Sequence[ArmMotion], plane: Plane) -> Array:
     """Return where the markers sit on the cross-section (2,) [m], by the ends of runs of one tracker.
 
     Parameters
     ----------
     arm : SoftArm
     runs : sequence of TipRun
-    paths : sequence of Path
+    paths : sequence of ArmMotion
         Simulated motion of each run.
     plane : Plane
     """

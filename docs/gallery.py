@@ -104,7 +104,7 @@ def draw(scene: Scene, run_folder: Path) -> None:
     """Draw the arm of a run, the path of its tip, and its error or its pressures, small enough for a page."""
     file, bag = PICTURES / f"{scene.name}.png", run_folder / "bag"
     shown = film.take(bag, scene, 0.0, scene.duration_s, 10.0)
-    arm = film.Picture(shown, 800).at(len(shown.t) - 1)
+    arm = film.AnimatedFigure(shown, 800).at(len(shown.t) - 1)
     figure = plt.figure(figsize=(12.0, 3.8), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
     drawn, axes = left.add_axes((0.0, 0.0, 1.0, 1.0)), right.subplots(1, 2)

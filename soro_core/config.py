@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
@@ -150,6 +152,46 @@ def parse(data: Mapping[str, Any], model: type[Model], where: str) -> Model:
         return model.model_validate(dict(data))
     except ValidationError as error:
         raise _first(error, model, where) from None
+
+
+def with_renamed(data: Any, renamed: Mapping[str, str]) -> Any:
+    """Return the keys and values of a file with former keys under their names of today.
+
+    Parameters
+    ----------
+    data : object
+        Keys and values; anything but a mapping is returned as it is.
+    renamed : mapping of str to str
+        Today's key by the former one, which may be in a section: ``section.key``. Each former key that a file
+        has is logged, once a process.
+
+    Raises
+    ------
+    ValueError
+        If a file has a key under both names.
+    """
+    if not isinstance(data, Mapping):
+        return data
+    result = dict(data)
+    for former, today in renamed.items():
+        section, _, key = former.rpartition(".")
+        holder = result.get(section) if section else result
+        if not isinstance(holder, Mapping) or key not in holder:
+            continue
+        if today in result:
+            raise ValueError(f"{today} without {former}, which is its former name")
+        rest = {name: value for name, value in holder.items() if name != key}
+        result = {**result, section: rest} if section else rest
+        result[today] = holder[key]
+        _log_renamed(former, today)
+    return result
+
+
+@cache
+def _log_renamed(former: str, today: str) -> None:
+    logging.getLogger("soro_core").warning(
+        "%s is read as %s, its name of today: rename the key", former, today
+    )
 
 
 def with_changes(model: Model, /, **values: Any) -> Model:

@@ -208,9 +208,9 @@ class Loop:
                     raise ModelError(f"the plant stopped at {(k - 1) * dt:.3f} s: {state.status}")
             state, seen = plant.observe(state)
             wanted = None if reference is None else reference(k * dt, inner)
-            begun = time.thread_time_ns()
+            start_ns = time.thread_time_ns()
             inner, estimate, command = self.step(inner, seen.reading_pa, seen.poses, seen.imus, dt, wanted)
-            spent = 1e-3 * (time.thread_time_ns() - begun)
+            spent = 1e-3 * (time.thread_time_ns() - start_ns)
             if command.status.ok:
                 setpoint = command.setpoint_pa
             under_way.append(setpoint)

@@ -80,7 +80,7 @@ def read_value(text: str, where: str) -> Any:
         node = yaml.compose(text, Loader=_Loader)
         return None if node is None else _Values(where).of(node, "", 1)
     except (yaml.YAMLError, ValueError) as error:  # a number of ten thousand digits
-        raise ConfigError(where, "", _trouble(error), "valid YAML") from None
+        raise ConfigError(where, "", _reason(error), "valid YAML") from None
 
 
 class _Values:
@@ -166,7 +166,7 @@ def _at(found: Any, text: str) -> str:
     return f"line {found.start_mark.line + 1}, column {found.start_mark.column + 1}: {text}"
 
 
-def _trouble(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     """Return the place of the first error of the YAML text, and its cause."""
     mark = getattr(error, "problem_mark", None)
     if mark is None:

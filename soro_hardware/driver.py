@@ -88,7 +88,7 @@ class Driver(Regulator, Generic[P]):
         self.pressure_pa: Array = np.full(self.n_chambers, np.nan)
         self.seen_empty = False
         self._sources: tuple[str, ...] = self._names  # what faults call the chambers
-        self._begun = self._configured = self._closed = False
+        self._started = self._configured = self._closed = False
         self._is_tested = False  # whether the watchdogs have vented in the test of the first start
         self._presses = False  # whether set points other than 0 are on their way
         self._watched_s = 0.0  # time of the last report to the supervisor
@@ -200,7 +200,7 @@ class Driver(Regulator, Generic[P]):
         with self._lock:
             if self._closed:
                 raise HardwareError("the driver is closed; make a new one", code="order")
-            self._begun, self._configured, self.seen_empty = True, False, False
+            self._started, self._configured, self.seen_empty = True, False, False
             self.latch.clear()
             self._lateness.restart()
             self.start_up()
@@ -240,7 +240,7 @@ class Driver(Regulator, Generic[P]):
 
     def vent(self) -> None:
         with self._lock:
-            if not self._begun or self._closed:
+            if not self._started or self._closed:
                 return
             self.seen_empty = False  # until a cycle has read it
             with contextlib.suppress(HardwareError):
@@ -262,7 +262,7 @@ class Driver(Regulator, Generic[P]):
                     is_empty = self._ramped_down()
                     self.shut_down(is_empty)
             # Behind a lost connection the last readings count; behind an open one the arm is read again.
-            is_known = not self._begun or (self.seen_empty and not self.is_open)
+            is_known = not self._started or (self.seen_empty and not self.is_open)
             is_empty = is_empty or is_known or self.find_empty()
             if not self.device_watchdog:
                 end(self.supervisor, self.kind, is_empty)

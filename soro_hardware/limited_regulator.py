@@ -67,8 +67,8 @@ class LimitedRegulator(safety.Limiter):
             self.lost = self.lost or str(error)
             self.latch(str(error))
         else:
-            self.lost = self.lost or result.trouble
-            self.judge(result.known_pa, result.fresh, now_ns, result.trouble, result.supply_pa)
+            self.lost = self.lost or result.fault_text
+            self.judge(result.known_pa, result.fresh, now_ns, result.fault_text, result.supply_pa)
         # Devices without a watchdog keep their pressure until this call reaches them.
         unreached = result is None and not self.regulator.device_watchdog
         if self.state.vented and (unreached or not was_vented):

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
-from typing import Annotated, ClassVar, Protocol, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Protocol, Self, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Strict, parse, with_changes
+from soro_core.config import Strict, parse, with_changes, with_renamed
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.safety import Limits, Rating, for_regulators
 from soro_hardware.port import Regulator
@@ -46,9 +46,8 @@ class PressureRange(Strict):
 
 
 class EmulationBase(Strict):
-    """Behaviour of the emulated devices of a platform that all families have in common."""
+    """Behaviour of emulated devices, beside that of regulators, that all families have in common."""
 
-    regulator: RegulatorModel = RegulatorModel()
     step_s: float = Field(0.0025, ge=0.0005, le=0.05, description="step of the air in real time")
     wake_pa: float | None = Field(
         None,
@@ -127,7 +126,13 @@ class PlatformBase(Strict):
         "a hand after their watchdog has vented",
     )
     rating: Rating = Rating()
+    regulator: RegulatorModel = RegulatorModel()
     emulation: EmulationBase = EmulationBase()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _renamed(cls, data: Any) -> Any:
+        return with_renamed(data, {"emulation.regulator": "regulator"})
 
     @model_validator(mode="after")
     def _each_chamber_once(self) -> Self:
@@ -153,7 +158,7 @@ class PlatformBase(Strict):
 
     def response_at(self, rate_hz: float) -> RegulatorModel:
         """Return the response of the regulators in a loop of a rate [Hz]."""
-        return in_loop(self.emulation.regulator, self.at_rate(rate_hz).update_hz, rate_hz)
+        return in_loop(self.regulator, self.at_rate(rate_hz).update_hz, rate_hz)
 
     @property
     def device(self) -> str | None:
@@ -249,7 +254,7 @@ def watched(
         If the devices are too slow for the monitors.
     """
     update_hz = regulator.update_hz
-    response = in_loop(platform.emulation.regulator, update_hz, rate_hz)
+    response = in_loop(platform.regulator, update_hz, rate_hz)
     return for_regulators(limits, update_hz, regulator.reading_age_s, where), response
 
 

@@ -91,7 +91,7 @@ class Exchange:
     supply_pa: Array | None = None
 
     @property
-    def trouble(self) -> str | None:
+    def fault_text(self) -> str | None:
         """All faults in one line, or None."""
         return "; ".join(f"{f.code}: {f.source}: {f.message}" for f in self.faults) or None
 

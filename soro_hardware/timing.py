@@ -101,12 +101,12 @@ def punctual(priority: int = 30) -> Iterator[str]:
     """Run the block with little lateness; gives the reason if there is no real-time priority."""
     before, objects = sys.getswitchinterval(), gc.get_threshold()
     shorten_pauses()
-    trouble = prioritise(priority) if priority > 0 else ""
+    failure = prioritise(priority) if priority > 0 else ""
     try:
-        yield trouble
+        yield failure
     finally:
         gc.unfreeze()
         gc.set_threshold(*objects)
         sys.setswitchinterval(before)
-        if priority > 0 and not trouble:
+        if priority > 0 and not failure:
             prioritise(0)

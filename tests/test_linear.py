@@ -16,7 +16,7 @@ from soro_core.adaptation import Learner
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig, Point
-from soro_core.control.nonuniform_strain import Uneven
+from soro_core.control.nonuniform_strain import NonuniformStrain
 from soro_core.errors import ModelError
 from soro_core.model.links.articulated import cholesky
 from soro_core.model.links.linear import cholesky_solve, lu_factor
@@ -152,14 +152,14 @@ def test_a_shape_without_stiffness_holds_the_set_points(kind):
 
 
 def test_non_uniform_strain_without_stiffness_has_no_equilibrium():
-    uneven = Uneven(ARM)
+    nonuniform = NonuniformStrain(ARM)
     q = np.array([0.07, -6.0, 3.0])
-    state, _ = uneven.step(uneven.initial_state(), Point(q, np.zeros(3), np.zeros(3)), 0.01)
+    state, _ = nonuniform.step(nonuniform.initial_state(), Point(q, np.zeros(3), np.zeros(3)), 0.01)
     wide = len(state.slope)
     rng = np.random.default_rng(0)
     limp = replace(state, slope=rng.normal(size=(wide, 1)) @ rng.normal(size=(1, wide)))
     with pytest.raises(np.linalg.LinAlgError, match="no equilibrium"):
-        uneven.step(limp, Point(q, np.zeros(3), np.zeros(3)), 0.01)
+        nonuniform.step(limp, Point(q, np.zeros(3), np.zeros(3)), 0.01)
 
 
 def test_singular_information_has_no_deviations():

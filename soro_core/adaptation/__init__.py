@@ -9,17 +9,17 @@ from soro_core._lazy import lazy
 if TYPE_CHECKING:
     from soro_core.adaptation.force import LearnedForce
     from soro_core.adaptation.learned import Learned
-    from soro_core.adaptation.learner import Learner, LearnerState, Sample
-    from soro_core.adaptation.regulators import RegulatorObserver, RegulatorState
+    from soro_core.adaptation.learner import Learner, LearnerSample, LearnerState
+    from soro_core.adaptation.regulators import ObserverState, RegulatorObserver
 
 __all__ = [
     "Learned",
     "LearnedForce",
     "Learner",
+    "LearnerSample",
     "LearnerState",
+    "ObserverState",
     "RegulatorObserver",
-    "RegulatorState",
-    "Sample",
 ]
 
 __getattr__ = lazy(
@@ -30,7 +30,7 @@ __getattr__ = lazy(
         "Learner": "soro_core.adaptation.learner",
         "LearnerState": "soro_core.adaptation.learner",
         "RegulatorObserver": "soro_core.adaptation.regulators",
-        "RegulatorState": "soro_core.adaptation.regulators",
-        "Sample": "soro_core.adaptation.learner",
+        "ObserverState": "soro_core.adaptation.regulators",
+        "LearnerSample": "soro_core.adaptation.learner",
     },
 )

@@ -21,7 +21,7 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.kernel.information import gain
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
-from soro_core.adaptation.nonuniform_force import UnevenForce
+from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array
 from soro_core.frozen import replaced
 from soro_core.linear import inverse
@@ -41,7 +41,7 @@ _WAIT_S = 0.5
 
 
 @dataclass(frozen=True)
-class Sample:
+class LearnerSample:
     """What one tick shows.
 
     Attributes
@@ -54,8 +54,8 @@ class Sample:
         Creep and hysteresis states.
     covariance : ndarray (n_q, n_q)
         Covariance of q.
-    uneven : UnevenForce or None
-        What the model lacks near to q; the rest is learned.
+    unmodelled : NonuniformForce or None
+        Unmodelled force near to q; the rest is learned.
     """
 
     q: Array
@@ -63,7 +63,7 @@ class Sample:
     pressure_pa: Array
     creep: Array
     covariance: Array
-    uneven: UnevenForce | None = None
+    unmodelled: NonuniformForce | None = None
 
 
 @dataclass(frozen=True)
@@ -130,21 +130,21 @@ class Learner:
         self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
         self._box = make_box(arm.tables)
         zero = np.zeros(arm.n_q)
-        self._nothing = UnevenForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
+        self._nothing = NonuniformForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
 
     def initial_state(self) -> LearnerState:
         """Return the prior."""
         size = self.force.size
         return LearnerState(Learned(np.zeros(size)), self.prior.copy(), np.zeros(size))
 
-    def step(self, state: LearnerState, sample: Sample, dt: float) -> LearnerState:
+    def step(self, state: LearnerState, sample: LearnerSample, dt: float) -> LearnerState:
         """Return the state after one sample.
 
         Parameters
         ----------
         state : LearnerState
             After the last sample.
-        sample : Sample
+        sample : LearnerSample
         dt : float
             Time since the last sample [s].
         """
@@ -161,7 +161,7 @@ class Learner:
         else:
             residual, regressor = state.residual.copy(), state.regressor.copy()
         covariance = np.array(sample.covariance, order="C")
-        scales, lacks = self.force.scales, sample.uneven or self._nothing
+        scales, unmodelled = self.force.scales, sample.unmodelled or self._nothing
         code = show(
             self._box,
             np.array(sample.q),
@@ -172,11 +172,11 @@ class Learner:
             covariance,
             scales.force,
             scales.q,
-            lacks.mass_kg,
-            lacks.q,
-            lacks.force,
-            lacks.by_mass,
-            lacks.by_q,
+            unmodelled.mass_kg,
+            unmodelled.q,
+            unmodelled.force,
+            unmodelled.by_mass,
+            unmodelled.by_q,
             part,
             residual,
             regressor,

@@ -12,7 +12,7 @@ from soro_core.arrays import Array
 
 
 @dataclass(frozen=True)
-class UnevenForce:
+class NonuniformForce:
     """Error of the generalised force of constant strains at rest, about coordinates and a mass at the tip.
 
     Attributes

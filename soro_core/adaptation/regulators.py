@@ -16,7 +16,7 @@ _KEPT = 100
 
 
 @dataclass(frozen=True)
-class RegulatorState:
+class ObserverState:
     """State of the observer.
 
     Attributes
@@ -76,17 +76,17 @@ class RegulatorObserver:
         """The same on the bias [1/s]; a regulator faster than the observer shows its bias at once."""
         return self.bandwidth_per_s * max(self.bandwidth_per_s * self.lag_s, 0.5 / self.damping)
 
-    def initial_state(self, pressure_pa: Array) -> RegulatorState:
+    def initial_state(self, pressure_pa: Array) -> ObserverState:
         """Return the state at pressures (n_u,) [Pa gauge] that are also the last command."""
         nothing = np.zeros_like(pressure_pa)
-        return RegulatorState(pressure_pa, nothing, (pressure_pa,), nothing)
+        return ObserverState(pressure_pa, nothing, (pressure_pa,), nothing)
 
-    def observe(self, state: RegulatorState, measured_pa: Array, dt: float) -> RegulatorState:
+    def observe(self, state: ObserverState, measured_pa: Array, dt: float) -> ObserverState:
         """Return the state after a measurement.
 
         Parameters
         ----------
-        state : RegulatorState
+        state : ObserverState
             After the last command.
         measured_pa : ndarray (n_u,)
             Measured pressures, finite [Pa gauge].
@@ -102,7 +102,7 @@ class RegulatorObserver:
         corrected = predicted + min(self.correction_per_s * dt, 1.0) * missed
         return replaced(state, predicted_pa=np.asarray(corrected), bias_pa=bias)
 
-    def commanded(self, state: RegulatorState, command_pa: Array) -> RegulatorState:
+    def commanded(self, state: ObserverState, command_pa: Array) -> ObserverState:
         """Return the state after a command (n_u,) [Pa gauge]."""
         half = 0.5 * self.play_pa
         target = np.minimum(np.maximum(state.targets[-1], command_pa - half), command_pa + half)

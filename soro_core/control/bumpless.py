@@ -31,7 +31,7 @@ class BumplessTransfer:
     difference: Array | None = None
     begins: bool = False
 
-    def begun(self) -> BumplessTransfer:
+    def start(self) -> BumplessTransfer:
         """Return the transfer to another law, from the force of the last tick."""
         return replace(self, begins=self.asked is not None)
 

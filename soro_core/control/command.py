@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.adaptation.learned import Learned
-from soro_core.adaptation.regulators import RegulatorState
+from soro_core.adaptation.regulators import ObserverState
 from soro_core.arrays import Array
 from soro_core.control.bumpless import BumplessTransfer
-from soro_core.control.control_monitor import WatchState
+from soro_core.control.control_monitor import ControlMonitorState
 from soro_core.control.laws.protocol import Terms
-from soro_core.control.reference.active_reference import Following
+from soro_core.control.reference.active_reference import ActiveReference
 from soro_core.control.reference.trajectory import Hold, Point
 from soro_core.control.reference.underactuation import UnderactuatedState
 from soro_core.model import SoftArm
@@ -40,11 +40,11 @@ class ControllerState:
         Of the unactuated coordinates.
     saturated : ndarray of bool (n_u,)
         Chambers at a bound at the last tick.
-    regulators : RegulatorState or None
+    regulators : ObserverState or None
         State of the regulators' observer; None where the law has none.
-    watch : WatchState
+    watch : ControlMonitorState
         What the user must know.
-    following : Following or None
+    following : ActiveReference or None
         The reference in force; None before the first tick.
     transfer : BumplessTransfer
         To the law of now from the one before a change of its keys.
@@ -59,9 +59,9 @@ class ControllerState:
     creep: Array
     shape: UnderactuatedState
     saturated: NDArray[np.bool_]
-    regulators: RegulatorState | None = None
-    watch: WatchState = field(default_factory=WatchState)
-    following: Following | None = None
+    regulators: ObserverState | None = None
+    watch: ControlMonitorState = field(default_factory=ControlMonitorState)
+    following: ActiveReference | None = None
     transfer: BumplessTransfer = field(default_factory=BumplessTransfer)
     point: Point | None = None
 
@@ -153,7 +153,7 @@ def held_command(
     state: ControllerState,
     named: Callable[[], dict[str, float]],
     learned: Learned | None,
-    trouble: str,
+    failure: str,
 ) -> Command:
     """Return the command that holds the last set points.
 
@@ -167,7 +167,7 @@ def held_command(
         Gives the estimates by name.
     learned : Learned or None
         The learned model.
-    trouble : str
+    failure : str
         Why the law gives no command.
 
     Returns
@@ -186,5 +186,5 @@ def held_command(
         tip_reference=arm.pose(point.q, arm.robot.length),
         saturated=np.zeros(arm.n_u, dtype=bool),
         terms=None,
-        status=ControllerStatus(False, trouble),
+        status=ControllerStatus(False, failure),
     )

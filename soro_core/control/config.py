@@ -67,7 +67,7 @@ class Gains(Strict):
         return self != Gains()
 
 
-class Pressures(Strict):
+class AllocationConfig(Strict):
     """Allocation of pressures; keys of limits and lag default to those of limiter and platform."""
 
     minimum_pa: float | None = Field(
@@ -113,7 +113,7 @@ class Pressures(Strict):
     lag_filter_s: float = Field(0.02, gt=0, le=10, description="time constant that remains of the lag")
 
     @model_validator(mode="after")
-    def _ordered(self) -> Pressures:
+    def _ordered(self) -> AllocationConfig:
         low, high = self.minimum_pa, self.maximum_pa
         if low is not None and high is not None and not low < high:
             raise ValueError("minimum_pa must be below maximum_pa")
@@ -133,7 +133,7 @@ class ReferenceConfig(Strict):
         3.0,
         gt=0,
         le=1e3,
-        description="duration of the smooth start, and of the passage to a new reference; a stream of "
+        description="duration of the smooth start, and of the transition to a new reference; a stream of "
         "references (one within 1 s of the last) is followed from message to message",
     )
     curvature_per_m: float = Field(10.0, ge=0, le=1e3, description="curvature of every link on the circle")
@@ -171,20 +171,20 @@ class ReferenceConfig(Strict):
         0.3,
         gt=0,
         le=100,
-        description="fastest elongation or shear of a reference by topic, and of the passage to it",
+        description="fastest elongation or shear of a reference by topic, and of the transition to it",
     )
     bend_rate_rad_s: float = Field(
         2.0,
         gt=0,
         le=1e3,
-        description="fastest bending or torsion of a link of a reference by topic, and of the passage to it",
+        description="fastest bending or torsion of a link of a reference by topic, and in the transition",
     )
     smoothing_s: float = Field(
         0.05,
         ge=0.005,
         le=10,
-        description="time constant of each of the two lags that smooth passages and streams; accelerations "
-        "are at most 2 / smoothing_s times the fastest rates",
+        description="time constant of each of the two lags that smooth transitions and streams; "
+        "accelerations are at most 2 / smoothing_s times the fastest rates",
     )
 
     @model_validator(mode="after")
@@ -213,7 +213,7 @@ class ControllerConfig(Strict):
         Gains(), description="feedback; auto: from the model of the arm and the delay of the platform"
     )
     adaptation: Adaptation = Field(Adaptation(), description="adaptation")
-    pressures: Pressures = Field(Pressures(), description="allocation and regulators")
+    pressures: AllocationConfig = Field(AllocationConfig(), description="allocation and regulators")
     reference: ReferenceConfig = Field(ReferenceConfig(), description="reference")
     motion: MotionConfig = Field(MotionConfig(), description="motions along paths of the tip")
     check_at_enable: Literal["refuse", "warn", "off"] = Field(

@@ -10,8 +10,8 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.frozen import replaced
 
-# A chamber that lacks this pressure [Pa] for this time [s] is named.
-LACKING_PA, LACKING_S = 2e3, 0.5
+# A chamber with this pressure deficit [Pa] for this time [s] is named.
+DEFICIT_PA, DEFICIT_S = 2e3, 0.5
 # A tip this far from its reference, of the length, for this time [s]: the arm has fallen over.
 FALLEN_PART, FALLEN_S = 0.5, 1.0
 # Time after the start of the reference [s] from which it is judged: a loaded arm gets up before.
@@ -21,17 +21,17 @@ _SHOWN_S = 5.0
 
 
 @dataclass(frozen=True)
-class WatchState:
+class ControlMonitorState:
     """State of the monitor.
 
     Attributes
     ----------
-    run_s, away_s, lacking_s : float
-        Time under control; time with the tip far away; time with a pressure that lacks [s].
+    run_s, away_s, deficit_s : float
+        Time under control; time with the tip far away; time with a pressure deficit [s].
     fallen : bool
         Whether the arm has fallen over; it stays so until the controller starts anew.
-    lacking : str
-        Chambers that lack pressure.
+    saturated : str
+        Chambers with a pressure deficit.
     event_text, event_s : str, float
         Last event of the law, and the time since then [s].
     refused : int
@@ -40,9 +40,9 @@ class WatchState:
 
     run_s: float = 0.0
     away_s: float = 0.0
-    lacking_s: float = 0.0
+    deficit_s: float = 0.0
     fallen: bool = False
-    lacking: str = ""
+    saturated: str = ""
     event_text: str = ""
     event_s: float = 0.0
     refused: int = 0
@@ -51,23 +51,23 @@ class WatchState:
     def note(self) -> str:
         """What the user must know, or an empty string."""
         fallen = "the arm has fallen over: vented until the controller starts anew" if self.fallen else ""
-        return "; ".join(text for text in (fallen, self.lacking, self.event_text) if text)
+        return "; ".join(text for text in (fallen, self.saturated, self.event_text) if text)
 
 
 def update_monitor(
-    state: WatchState,
+    state: ControlMonitorState,
     away: float,
     missing_pa: Array,
     names: Sequence[str],
     event: str,
     start_s: float,
     dt: float,
-) -> WatchState:
+) -> ControlMonitorState:
     """Return the state after a tick.
 
     Parameters
     ----------
-    state : WatchState
+    state : ControlMonitorState
         After the last tick.
     away : float
         Distance of the tip from its reference, part of the arm's length.
@@ -86,28 +86,28 @@ def update_monitor(
     upright = run_s > start_s + UPRIGHT_S
     # An arm that swings on the ground comes near its reference again and again.
     away_s = state.away_s + dt if upright and away > FALLEN_PART else max(state.away_s - 0.5 * dt, 0.0)
-    short = np.abs(missing_pa) > LACKING_PA
-    lacking_s = state.lacking_s + dt if short.any() else 0.0
-    lacking = ""
-    if lacking_s > LACKING_S:
-        parts = [_lack(name, missing) for name, missing in zip(names, missing_pa, strict=True) if missing]
+    short = np.abs(missing_pa) > DEFICIT_PA
+    deficit_s = state.deficit_s + dt if short.any() else 0.0
+    saturated = ""
+    if deficit_s > DEFICIT_S:
+        parts = [_deficit(name, missing) for name, missing in zip(names, missing_pa, strict=True) if missing]
         # A text that changes with each tick would be a message each tick.
-        lacking = state.lacking or "too much load: " + ", ".join(part for part in parts if part)
+        saturated = state.saturated or "pressure saturated: " + ", ".join(part for part in parts if part)
     event_text, event_s = (event, 0.0) if event else (state.event_text, state.event_s + dt)
     return replaced(
         state,
         run_s=run_s,
         away_s=away_s,
-        lacking_s=lacking_s,
+        deficit_s=deficit_s,
         fallen=state.fallen or away_s > FALLEN_S,
-        lacking=lacking,
+        saturated=saturated,
         event_text=event_text if event_s < _SHOWN_S else "",
         event_s=event_s,
     )
 
 
-def _lack(name: str, missing_pa: float) -> str:
-    if abs(missing_pa) <= LACKING_PA:
+def _deficit(name: str, missing_pa: float) -> str:
+    if abs(missing_pa) <= DEFICIT_PA:
         return ""
-    what = "lacks" if missing_pa > 0.0 else "would need suction of"
-    return f"{name} {what} {1e-3 * abs(missing_pa):.0f} kPa"
+    side = "more than" if missing_pa > 0.0 else "below"
+    return f"{name} needs {1e-3 * abs(missing_pa):.0f} kPa {side} its limit"

@@ -13,7 +13,7 @@ from soro_core.arrays import Array
 from soro_core.control.bumpless import apply_transfer
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
-from soro_core.control.control_monitor import WatchState, update_monitor
+from soro_core.control.control_monitor import ControlMonitorState, update_monitor
 from soro_core.control.creep import advance_creep
 from soro_core.control.external_references import GivenReferences
 from soro_core.control.gains import gains_of
@@ -146,7 +146,7 @@ class Controller(GivenReferences):
         measured_pressure_pa : ndarray (n_u,)
             Measured pressures [Pa gauge], for the applied force.
         reference : Reference or None
-            From `trajectory` or `tip`; None for the configured one. A passage leads to a new one.
+            From `trajectory` or `tip`; None for the configured one. A transition leads to a new one.
         certainty : Certainty or None
             What the filter says of (q, qd); None where it has none, or has lost the arm: nothing is learned
             from the prediction error then.
@@ -163,15 +163,15 @@ class Controller(GivenReferences):
         Bad input, and coordinates for which the model has no value, raise nothing: the last set point is held
         and the status says why.
         """
-        trouble = input_error(q, qd, t, dt, self.arm.n_q)
-        if trouble:
+        failure = input_error(q, qd, t, dt, self.arm.n_q)
+        if failure:
             state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
         else:
             try:
                 return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference, certainty)
             except (SoroError, np.linalg.LinAlgError) as error:
-                trouble = f"no command: {error}"
-        return self._held(state, trouble)
+                failure = f"no command: {error}"
+        return self._held(state, failure)
 
     def _tick(
         self,
@@ -277,7 +277,7 @@ class Controller(GivenReferences):
 
     def _judged(
         self, state: ControllerState, q: Array, wanted: Array, missing: Array, event: str, dt: float
-    ) -> WatchState:
+    ) -> ControlMonitorState:
         """Return the watch after a tick; `wanted` is the pose (4, 4) of the tip at the reference."""
         tip = self.arm.pose(q, self.arm.length)
         away = math.dist(tip[:3, 3], wanted[:3, 3]) / self.arm.length
@@ -293,10 +293,10 @@ class Controller(GivenReferences):
         command = self._held(state, "")[1]
         return state, replace(command, status=ControllerStatus(True, "", state.watch.note))
 
-    def _held(self, state: ControllerState, trouble: str) -> tuple[ControllerState, Command]:
+    def _held(self, state: ControllerState, failure: str) -> tuple[ControllerState, Command]:
         """Hold the last set points and say why."""
         named, learned = partial(self.law.estimates, state.law), self.law.learned(state.law)
-        return state, held_command(self.arm, state, named, learned, trouble)
+        return state, held_command(self.arm, state, named, learned, failure)
 
     def planner(self, state: ControllerState, dt: float) -> Planner:
         """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""

@@ -134,7 +134,7 @@ class GivenReferences:
             meets an obstacle on the way.
         """
         # From the reference in force, so that neighbouring poses get neighbouring coordinates.
-        start = np.zeros(self.arm.n_q) if state.following is None else state.following.passage.at.q
+        start = np.zeros(self.arm.n_q) if state.following is None else state.following.transition.at.q
         found = tip_reference(
             self.arm, self.fields, self.config.reference, self.limit, start, position, quaternion
         )
@@ -153,7 +153,7 @@ class GivenReferences:
         """
         if self.obstacles is None:
             return None
-        shape = resting_shape(self.arm, self.law, law_state, self.underactuated, self.obstacles.uneven)
+        shape = resting_shape(self.arm, self.law, law_state, self.underactuated, self.obstacles.nonuniform)
         return Lookout(self.obstacles, shape, start)
 
     def _keep_clear(self, state: ControllerState, reference: Reference) -> None:

@@ -6,7 +6,8 @@ coordinates x with the accelerations dx/dq qdd, the arm keeps
     f(x) + m Y(x) = H(x) p,   the ends of the links where q has them
 
 in x and p, and these pressures make the force H_1(q) p in the coordinates q, not G + f_e + m Y_m. The
-difference is what a law with constant strains lacks, docs/control.md. One step of Newton a tick follows it.
+difference is the unmodelled force of a law with constant strains, docs/control.md. One step of Newton a tick
+follows it.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.adaptation.nonuniform_force import UnevenForce
+from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.adaptation.scales import q_scale_of
 from soro_core.arrays import Array
 from soro_core.control.kernel import nonuniform_strain as kernel
@@ -35,7 +36,7 @@ _ROUND_OFF = 1e-9
 
 
 @dataclass(frozen=True)
-class UnevenShape:
+class NonuniformStrainState:
     """What is kept from tick to tick.
 
     Attributes
@@ -61,7 +62,7 @@ class UnevenShape:
     column: int = -1
 
 
-def bends_unevenly(arm: SoftArm) -> bool:
+def has_nonuniform_strain(arm: SoftArm) -> bool:
     """Whether an arm has constant strains, all of which its chambers and the ends of its links determine."""
     robot = arm.robot
     if robot.contacts is not None or robot.tip_constraint is not None:
@@ -74,8 +75,8 @@ def bends_unevenly(arm: SoftArm) -> bool:
     return all(_full_rank(rows) for rows in (ends.T, unit[:, None] * arm.actuation_matrix()))
 
 
-class Uneven:
-    """The non-uniform strain of one arm for which `bends_unevenly` holds.
+class NonuniformStrain:
+    """The non-uniform strain of one arm for which `has_nonuniform_strain` holds.
 
     Parameters
     ----------
@@ -91,20 +92,22 @@ class Uneven:
         self.varying_unit = np.repeat(self.unit, kernel.TERMS)
         self.spread = np.asarray(np.kron(np.eye(arm.n_q), np.eye(kernel.TERMS, 1)), dtype=np.float64)
         even = arm if arm.method == "exact" else SoftArm(arm.robot)
-        self._box = kernel.make_bend(even.tables, self.varying.tables, self.unit, self.varying_unit)
+        self._box = kernel.make_arm_pair(even.tables, self.varying.tables, self.unit, self.varying_unit)
 
-    def initial_state(self) -> UnevenShape:
+    def initial_state(self) -> NonuniformStrainState:
         """Return the state before the first tick."""
         n, wide = self.unit.size, self.varying_unit.size
         slopes = np.zeros((wide, wide)), np.zeros((n, n))
-        return UnevenShape(np.zeros(wide), np.zeros(n), self.spread.copy(), *slopes)
+        return NonuniformStrainState(np.zeros(wide), np.zeros(n), self.spread.copy(), *slopes)
 
-    def step(self, state: UnevenShape, point: Point, mass_kg: float) -> tuple[UnevenShape, UnevenForce]:
+    def step(
+        self, state: NonuniformStrainState, point: Point, mass_kg: float
+    ) -> tuple[NonuniformStrainState, NonuniformForce]:
         """Return state and force after one step of Newton.
 
         Parameters
         ----------
-        state : UnevenShape
+        state : NonuniformStrainState
             After the last tick.
         point : Point
             Coordinates, near to those of the last tick, rates and accelerations.
@@ -121,20 +124,22 @@ class Uneven:
         q, qd, qdd = np.array([point.q, point.qd, point.qdd], dtype=np.float64)
         bent = state.deviation.copy(), state.force.copy(), state.moves.copy()
         slopes = state.slope.copy(), state.even_slope.copy()
-        lacking = np.empty(q.size), np.empty(q.size), np.empty((q.size, q.size))
-        code = kernel.step(self._box, q, qd, qdd, mass_kg, state.column, *bent, *slopes, *lacking)
+        unmodelled = np.empty(q.size), np.empty(q.size), np.empty((q.size, q.size))
+        code = kernel.step(self._box, q, qd, qdd, mass_kg, state.column, *bent, *slopes, *unmodelled)
         if code == SINGULAR:
             raise np.linalg.LinAlgError("the non-uniform strain has no equilibrium")
         if code != GOOD:
             raise fault(code, q, qd)
-        return UnevenShape(*bent, *slopes, max(state.column, 0) + 1), UnevenForce(q, mass_kg, *lacking)
+        return NonuniformStrainState(*bent, *slopes, max(state.column, 0) + 1), NonuniformForce(
+            q, mass_kg, *unmodelled
+        )
 
     def away(self, point: Point, mass_kg: float) -> Array:
         """Return the force (n_q,) at a point far from any tick, for a mass [kg] at the tip."""
         state, force = self.initial_state(), np.zeros_like(point.q)
         for _ in range(_STEPS):
-            state, lacking = self.step(state, point, mass_kg)
-            force = lacking.force
+            state, unmodelled = self.step(state, point, mass_kg)
+            force = unmodelled.force
         return force
 
 

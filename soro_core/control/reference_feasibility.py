@@ -74,20 +74,20 @@ def tip_distance(controller: Controller, q: Array) -> float:
     maker = controller.setpoints
     weight = maker.force_weight[:, None] * balanced_weight(actuation, controller.fields)
     found = maker.allocate(actuation, load, maker.preferred_pa)
-    lacking = load - found.force
+    residual = load - found.force
     # A strain that no chamber drives has no weight.
     driven = bool(np.any(weight, axis=1).all())
-    if driven and np.linalg.norm(weight @ lacking) <= _EXACT * np.linalg.norm(weight @ load):
+    if driven and np.linalg.norm(weight @ residual) <= _EXACT * np.linalg.norm(weight @ load):
         return 0.0
-    rest = controller.fields.within(_rest(arm, q, lacking, found.pressure_pa), controller.limit)
+    rest = controller.fields.within(_rest(arm, q, residual, found.pressure_pa), controller.limit)
     length = controller.robot.length
     return float(np.linalg.norm(arm.pose(rest, length)[:3, 3] - arm.pose(q, length)[:3, 3]))
 
 
-def _rest(arm: SoftArm, q: Array, lacking: Array, pressure_pa: Array) -> Array:
-    """Return the coordinates (n_q,) of rest near `q`, at which the force `lacking` (n_q,) is missing."""
+def _rest(arm: SoftArm, q: Array, residual: Array, pressure_pa: Array) -> Array:
+    """Return the coordinates (n_q,) of rest near `q`, at which the force `residual` (n_q,) is missing."""
     try:
         return equilibrium(arm, pressure_pa, q)
     except ModelError:  # the search fails near buckling: use the linear stiffness instead
         stiffness = RestForces(arm, pressure_pa).stiffness(q, outside=0.0)
-        return np.asarray(q - np.linalg.lstsq(stiffness, lacking, rcond=None)[0])
+        return np.asarray(q - np.linalg.lstsq(stiffness, residual, rcond=None)[0])

@@ -1,7 +1,7 @@
 """Keys of a controller that change while it controls: gains, adaptation, reference, narrower pressures.
 
 The state of the controller stays: nothing that is learned is lost, and `soro_core.control.bumpless` takes the
-step out of the desired force. References change by a passage, as those of a topic do.
+step out of the desired force. References change by a transition, as those of a topic do.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from soro_core.control.reference.trajectory import Hold, Reference
 from soro_core.control.reference_feasibility import check_reach
 from soro_core.errors import NEXT_CONFIGURE, ConfigError
 
-# Keys of the reference in force, without its limits: under a passage that is under way those do not change.
+# Keys of the reference in force, without its limits: they do not change during a transition.
 MOTION = (
     "kind",
     "curvature_per_m",
@@ -101,7 +101,7 @@ def retune(
         new.check_way(state.law, start)
         if reach > 0.0:
             check_reach(new, reach)
-    after = replace(state, transfer=state.transfer.begun())
+    after = replace(state, transfer=state.transfer.start())
     return Retuned(new, after, moves, _from_now(new, state, t) if moves else None)
 
 
@@ -143,7 +143,7 @@ def _from_now(controller: Controller, state: ControllerState, t: float) -> Refer
     """
     if state.following is None or state.point is None:
         return None
-    return Hold(state.point.q) if controller.configured is None else controller.configured.begun(t)
+    return Hold(state.point.q) if controller.configured is None else controller.configured.started_at(t)
 
 
 def _check_keys(controller: Controller, config: ControllerConfig, pressures: CompletePressures) -> None:

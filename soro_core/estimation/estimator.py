@@ -24,7 +24,7 @@ from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.estimation.sensors.tracker import Tracker
 from soro_core.estimation.state import EstimatorState
 from soro_core.estimation.status import Estimate, EstimatorStatus
-from soro_core.estimation.tick_state import Draft
+from soro_core.estimation.tick_state import TickState
 from soro_core.estimation.unmeasured_subspace import unmeasured_covariance
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
@@ -121,34 +121,34 @@ class Estimator:
             counts = state.counts._replace(failed=state.counts.failed + 1)
             state = state._replace(counts=counts)
             return state, self._estimate(state, f"time step of {dt} s refused")
-        draft = Draft(state, dt)
-        self._learn(draft, state, learned)
+        tick = TickState(state, dt)
+        self._learn(tick, state, learned)
         if dt > self.config.max_gap_s:
-            draft.belief, draft.history = self.filter.widen(state.belief), []
-            draft.count("restarted")
+            tick.belief, tick.history = self.filter.widen(state.belief), []
+            tick.count("restarted")
         else:
-            draft.read(chamber_pressure_pa)
-            mean = 0.5 * (state.pressure_pa + draft.pressure_pa)
+            tick.read(chamber_pressure_pa)
+            mean = 0.5 * (state.pressure_pa + tick.pressure_pa)
             parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
-            draft.extend(mean, parts, self._kept)
-        fresh = admit(draft, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
-        replay(self.filter, draft, fresh)
-        draft.monitors = watched(draft.monitors, draft.innovations, self.config.watch)
-        state = draft.result()
+            tick.extend(mean, parts, self._kept)
+        fresh = admit(tick, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
+        replay(self.filter, tick, fresh)
+        tick.monitors = watched(tick.monitors, tick.innovations, self.config.watch)
+        state = tick.result()
         return state, self._estimate(state)
 
-    def _learn(self, draft: Draft, state: EstimatorState, learned: Learned | None) -> None:
-        """Put the learned force that the next step uses into the draft."""
+    def _learn(self, tick: TickState, state: EstimatorState, learned: Learned | None) -> None:
+        """Put the learned force that the next step uses into the state of the tick."""
         late_s = self.config.lost_after_s
         # Whether what is fused has positions in it; without any sample nothing speaks against them.
         placed = not (state.t_s - state.position_s > late_s >= state.t_s - state.last_s)
         if learned is not None and not learned.usable(self.arm.n_q):
             learned = None
-            draft.count("learned")
+            tick.count("learned")
         if learned is not None:
             learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
-        draft.known = update_learned_input(
-            draft.known, learned, draft.dt, placed, self.filter.uneven is not None
+        tick.known = update_learned_input(
+            tick.known, learned, tick.dt, placed, self.filter.mean_strain is not None
         )
 
     def _unseen(self, state: EstimatorState) -> Array:
@@ -161,12 +161,12 @@ class Estimator:
         ]
         return unmeasured_covariance(self.filter, state.belief.q, places, self._units)
 
-    def _estimate(self, state: EstimatorState, trouble: str = "") -> Estimate:
+    def _estimate(self, state: EstimatorState, failure: str = "") -> Estimate:
         belief, n = state.belief, self.arm.n_q
         pose, spread, force = self.filter.tip(belief, state.pressure_pa)
         age = state.t_s - state.last_s
-        if not trouble and age > self.config.lost_after_s:
-            trouble = (
+        if not failure and age > self.config.lost_after_s:
+            failure = (
                 f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
             )
         said = note_of(state.monitors, state.t_s, self.config.lost_after_s, self.config.watch)
@@ -183,5 +183,5 @@ class Estimator:
             mean[2 * n : 3 * n] if self.filter.n_d else np.zeros(n),
             state.t_s - state.position_s <= self.config.lost_after_s,
             self._unseen(state),
-            EstimatorStatus(not trouble, trouble, state.counts, age, note),
+            EstimatorStatus(not failure, failure, state.counts, age, note),
         )

@@ -25,10 +25,10 @@ from soro_core.estimation.kernel.parts import (
     IMU,
     IMU_ORIENTED,
     POSE,
-    Settings,
+    FilterSettings,
 )
 from soro_core.estimation.learned_input import LearnedInput
-from soro_core.estimation.mean_strain import uneven_of
+from soro_core.estimation.mean_strain import mean_strain_of
 from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.settings import settings_of
 from soro_core.model import SoftArm
@@ -87,7 +87,7 @@ class Filter:
         self.settings = settings_of(arm, config, pieces, dt)
         self.n_d = self.settings.n_d
         self.box = _box_of(arm, self.settings)
-        self.uneven = uneven_of(arm, pieces)
+        self.mean_strain = mean_strain_of(arm, pieces)
         self._nothing = np.zeros(size_of(self.n))
         self._same = np.eye(self.n)
         self._unknown = np.full(N_RECORD, np.nan)  # no pose, and so no outliers and no residuals
@@ -215,8 +215,8 @@ class Filter:
         """
         q, mean, by_q, by_rate = belief.q, belief.q, self._same, self._same
         shape = None
-        if self.uneven is not None and share > 0.0:
-            shape = self.uneven.at(q, pressure_pa, belief.internal, s)
+        if self.mean_strain is not None and share > 0.0:
+            shape = self.mean_strain.at(q, pressure_pa, belief.internal, s)
         if shape is not None:
             mean = q + share * (shape.mean - q)
             by_q, by_rate = (
@@ -246,7 +246,7 @@ def _values(sample: Sample) -> tuple[int, Array, Array, Array]:
     return kind, rate, force, quaternion
 
 
-def _box_of(arm: SoftArm, settings: Settings) -> Box:
+def _box_of(arm: SoftArm, settings: FilterSettings) -> Box:
     """Return arm and filter for the kernels; its mass at the tip is its own."""
     tables = arm.tables._replace(tip_mass=arm.tables.tip_mass.copy())
     n_wrench = len(flat_wrench(arm.robot, None))

@@ -38,7 +38,7 @@ class LearnedInput(NamedTuple):
 
 
 def update_learned_input(
-    state: LearnedInput, learned: Learned | None, dt: float, placed: bool = True, uneven: bool = False
+    state: LearnedInput, learned: Learned | None, dt: float, placed: bool = True, has_shape: bool = False
 ) -> LearnedInput:
     """Return what is in force after a tick.
 
@@ -52,13 +52,13 @@ def update_learned_input(
         Time since the last tick [s].
     placed : bool
         False where the filter has orientations alone.
-    uneven : bool
+    has_shape : bool
         Whether the filter knows what non-uniform strain does to orientations. If not, a mass that these have
         taught would confirm itself in what they do not see, and its force is not used.
     """
     kept, age_s = (state.learned, state.age_s + dt) if learned is None else (learned, 0.0)
     if kept is None:
         return LearnedInput()
-    change = dt / FADE_S if (placed or uneven) and age_s <= RENEWED_S + _SAME_S else -dt / FADE_S
+    change = dt / FADE_S if (placed or has_shape) and age_s <= RENEWED_S + _SAME_S else -dt / FADE_S
     share = min(max(state.share + change, 0.0), 1.0)
     return LearnedInput(kept, age_s, share) if share > 0.0 or age_s == 0.0 else LearnedInput()

@@ -45,7 +45,7 @@ class StrainProfile(NamedTuple):
     by_rate: Array
 
 
-class Uneven:
+class MeanStrain:
     """The non-uniform strain of one arm of uniform strains.
 
     Parameters
@@ -121,13 +121,13 @@ class Uneven:
 
     def _means(self, s: float) -> Array:
         """Return the matrix (n_q, 2 n_q) of mean strains up to a place; of later links, of the whole link."""
-        rows, first, begun = np.zeros((self.arm.n_q, 2 * self.arm.n_q)), 0, 0.0
+        rows, first, base = np.zeros((self.arm.n_q, 2 * self.arm.n_q)), 0, 0.0
         for link in self.fine.robot.links:
-            part = s - begun if begun < s < begun + link.length else link.length
+            part = s - base if base < s < base + link.length else link.length
             means = shape_values(link, _GAUSS[0] * part) @ _GAUSS[1]
             for i in range(link.n_q // 2):
                 rows[first + i, 2 * (first + i) : 2 * (first + i) + 2] = means[2 * i : 2 * i + 2]
-            first, begun = first + link.n_q // 2, begun + link.length
+            first, base = first + link.n_q // 2, base + link.length
         return rows
 
     def _turned(self, q: Array, until: Array) -> Array:
@@ -142,7 +142,7 @@ class Uneven:
         return np.diag(ratio)
 
 
-def uneven_of(arm: SoftArm, pieces: int = 1) -> Uneven | None:
+def mean_strain_of(arm: SoftArm, pieces: int = 1) -> MeanStrain | None:
     """Return the non-uniform strain of an arm, None where there is none to compute.
 
     Parameters
@@ -152,6 +152,6 @@ def uneven_of(arm: SoftArm, pieces: int = 1) -> Uneven | None:
         Number of pieces into which each link is discretised.
     """
     try:
-        return Uneven(arm, pieces)
+        return MeanStrain(arm, pieces)
     except (ConfigError, ModelError):
         return None

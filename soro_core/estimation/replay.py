@@ -15,7 +15,7 @@ from soro_core.estimation.kernel.update import FAILED, FUSED, OUTLIER
 from soro_core.estimation.sensors.monitor import Innovation
 from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.state import Segment, Sensor
-from soro_core.estimation.tick_state import Draft
+from soro_core.estimation.tick_state import TickState
 
 _STAMP = attrgetter("stamp_s")
 # Counts by what becomes of a new sample.
@@ -29,24 +29,24 @@ _COUNTED = {
 }
 
 
-def replay(filter_: Filter, draft: Draft, fresh: list[Sample]) -> None:
+def replay(filter_: Filter, tick: TickState, fresh: list[Sample]) -> None:
     """Compute the newest segments, and those before that the samples change.
 
     Parameters
     ----------
     filter_ : Filter
-    draft : Draft
+    tick : TickState
         At the new time, its newest segments not predicted yet.
     fresh : list of Sample
         Samples of this tick.
     """
-    history = draft.history
+    history = tick.history
     if not history:
         return
     first, new = _places(history, fresh)
-    draft.belief = history[first].belief
+    tick.belief = history[first].belief
     for i in range(first, len(history)):
-        history[i] = _segment(filter_, draft, history[i], new.get(i, ()))
+        history[i] = _segment(filter_, tick, history[i], new.get(i, ()))
 
 
 def _places(history: list[Segment], fresh: list[Sample]) -> tuple[int, dict[int, list[Sample]]]:
@@ -65,42 +65,42 @@ def _places(history: list[Segment], fresh: list[Sample]) -> tuple[int, dict[int,
     return first, new
 
 
-def _segment(filter_: Filter, draft: Draft, part: Segment, arrivals: Sequence[Sample]) -> Segment:
+def _segment(filter_: Filter, tick: TickState, part: Segment, arrivals: Sequence[Sample]) -> Segment:
     """Predict one segment with its samples and return it.
 
     Parameters
     ----------
     filter_ : Filter
-    draft : Draft
+    tick : TickState
         With the belief at the start of the segment.
     part : Segment
     arrivals : sequence of Sample
         New samples in it.
     """
     start_s, end_s, pressure_pa, _, old, known = part
-    begun, t, kept = draft.belief, start_s, []
+    initial, t, kept = tick.belief, start_s, []
     samples = sorted((*old, *arrivals), key=_STAMP) if old else arrivals  # which come in this order
     for sample in samples:
         is_new = not old or any(sample is one for one in arrivals)
-        if _take(filter_, draft, part, sample.stamp_s - t, sample, is_new):
+        if _take(filter_, tick, part, sample.stamp_s - t, sample, is_new):
             kept.append(sample)
         t = max(t, sample.stamp_s)
     if end_s - t > SAME_S:
-        draft.belief, ok = filter_.predict(draft.belief, pressure_pa, end_s - t, known)
+        tick.belief, ok = filter_.predict(tick.belief, pressure_pa, end_s - t, known)
         if not ok:
-            draft.count("failed")
-            if not draft.belief.finite():  # a covariance that outliers have inflated beyond all bounds
-                draft.belief = filter_.start()
-    return Segment(start_s, end_s, pressure_pa, begun, tuple(kept), known)
+            tick.count("failed")
+            if not tick.belief.finite():  # a covariance that outliers have inflated beyond all bounds
+                tick.belief = filter_.start()
+    return Segment(start_s, end_s, pressure_pa, initial, tuple(kept), known)
 
 
-def _take(filter_: Filter, draft: Draft, part: Segment, dt: float, sample: Sample, is_new: bool) -> bool:
+def _take(filter_: Filter, tick: TickState, part: Segment, dt: float, sample: Sample, is_new: bool) -> bool:
     """Predict to a sample and use it; gives whether a replay needs it again.
 
     Parameters
     ----------
     filter_ : Filter
-    draft : Draft
+    tick : TickState
         With the belief before.
     part : Segment
     dt : float
@@ -110,23 +110,23 @@ def _take(filter_: Filter, draft: Draft, part: Segment, dt: float, sample: Sampl
         False for one that is replayed.
     """
     name = sample.sensor
-    last = draft.sensors.get(name)
+    last = tick.sensors.get(name)
     record = last.record if last is not None else None
-    found = filter_.advance(draft.belief, part.pressure_pa, dt, part.known, sample, record, is_new)
+    found = filter_.advance(tick.belief, part.pressure_pa, dt, part.known, sample, record, is_new)
     outcome = found.outcome
-    draft.belief = found.belief
+    tick.belief = found.belief
     if not found.ok:
-        draft.count("failed")
+        tick.count("failed")
     if used := outcome in (FUSED, FOUND):
-        draft.last_s = max(draft.last_s, sample.stamp_s)
+        tick.last_s = max(tick.last_s, sample.stamp_s)
         if isinstance(sample, PoseSample):
-            draft.position_s = max(draft.position_s, sample.stamp_s)
+            tick.position_s = max(tick.position_s, sample.stamp_s)
     if not is_new:
         if not used:
-            draft.count("failed")
+            tick.count("failed")
         return True
-    draft.count(*_COUNTED[outcome])
-    draft.sensors[name] = Sensor(sample, found.record)
+    tick.count(*_COUNTED[outcome])
+    tick.sensors[name] = Sensor(sample, found.record)
     if outcome != FROZEN:
-        draft.innovations.append(Innovation(name, sample.stamp_s, found.nis, found.position_nis))
+        tick.innovations.append(Innovation(name, sample.stamp_s, found.nis, found.position_nis))
     return used

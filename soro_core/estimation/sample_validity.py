@@ -9,14 +9,14 @@ from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.kernel.advance import SAME_S
 from soro_core.estimation.sensors.samples import PoseSample, Sample
 from soro_core.estimation.sensors.tracker import Tracker
-from soro_core.estimation.tick_state import Draft
+from soro_core.estimation.tick_state import TickState
 
 # Samples stamped in the future that wait; more come from a sensor whose clock is wrong.
 _MOST_WAITING = 16
 
 
 def admit(
-    draft: Draft,
+    tick: TickState,
     offered: Iterable[Sample],
     config: EstimatorConfig,
     length_m: float,
@@ -26,7 +26,7 @@ def admit(
 
     Parameters
     ----------
-    draft : Draft
+    tick : TickState
         At the new time.
     offered : iterable of Sample
     config : EstimatorConfig
@@ -37,25 +37,25 @@ def admit(
     """
     fresh: list[Sample] = []
     waiting: list[Sample] = []
-    stamps, now_s = draft.stamps, draft.t_s
-    start = draft.history[0].start_s if draft.history else now_s
+    stamps, now_s = tick.stamps, tick.t_s
+    start = tick.history[0].start_s if tick.history else now_s
     for sample in sorted(offered, key=_stamp):
         noise = config.pose if isinstance(sample, PoseSample) else config.imu
         oldest = max(now_s - noise.max_age_s, start)
         if not sample.finite() or not -1e-9 <= sample.s <= length_m + 1e-6:
-            draft.count("invalid")
+            tick.count("invalid")
         elif sample.stamp_s > now_s + config.future_s:
-            draft.count("early")
+            tick.count("early")
         elif sample.stamp_s > now_s + SAME_S:
             waiting.append(sample)
         elif sample.stamp_s < oldest or sample.stamp_s <= stamps.get(name := sample.sensor, -math.inf):
-            draft.count("stale")
+            tick.count("stale")
         else:
             stamps[name] = sample.stamp_s
             if tracker is not None and isinstance(sample, PoseSample):
                 sample = tracker.section(sample)
             fresh.append(sample)
-    draft.waiting = tuple(waiting[-_MOST_WAITING:])
+    tick.waiting = tuple(waiting[-_MOST_WAITING:])
     return fresh
 
 

@@ -17,13 +17,13 @@ from soro_core.adaptation.scales import scales_of
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig, ProcessNoise
-from soro_core.estimation.kernel.parts import MOST_ROWS, Settings
+from soro_core.estimation.kernel.parts import MOST_ROWS, FilterSettings
 from soro_core.model import SoftArm
 from soro_core.model.build import find_site
 from soro_core.robot.coordinates import StrainFields, strain_fields
 
 
-def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -> Settings:
+def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -> FilterSettings:
     """Return the settings of the filter of one arm.
 
     Parameters
@@ -45,7 +45,7 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -
     sensor = 3 * [pose.position_std_m**2] + 3 * [pose.orientation_std_rad**2]
     orientation = imu.orientation_std_rad**2 + imu.orientation_model_std_rad**2
     gates = [0.0, *(chdtri(k, 1.0 - config.gate_probability) for k in range(1, MOST_ROWS + 1))]
-    return Settings(
+    return FilterSettings(
         n_d=n if config.disturbance else 0,
         time=float(config.process.disturbance_time_s),
         learned_time=float(config.learned_process.disturbance_time_s),

@@ -13,7 +13,7 @@ from soro_core.estimation.sensors.monitor import SensorMonitor
 from soro_core.estimation.sensors.samples import Sample
 from soro_core.estimation.status import Counts
 
-# Never written: a draft copies it.
+# Never written: `TickState` copies it.
 _NONE: Mapping[str, Any] = {}
 
 

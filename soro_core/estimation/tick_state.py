@@ -19,7 +19,7 @@ from soro_core.estimation.status import Counts
 _PLACES = {name: i for i, name in enumerate(Counts._fields)}
 
 
-class Draft:
+class TickState:
     """A copy of the state that may change; its attributes are those of `EstimatorState`.
 
     A new frozen value at each change would take longer than the change.

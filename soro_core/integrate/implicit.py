@@ -47,17 +47,17 @@ def begin_stage(
     The first `known` accelerations in `memory` are valid; `q_last`, `v_last` are those of the last stage.
     """
     c = stage_of(m.stages, stage)
-    begun = stage > first
-    part = c.place / stage_of(m.stages, first).place if begun else (c.place if m.start else 1.0)
+    started = stage > first
+    part = c.place / stage_of(m.stages, first).place if started else (c.place if m.start else 1.0)
     move = 0.0
     for b in range(x.shape[0]):
         a0 = memory[LATEST, b] if known > 0 else 0.0
         before = memory[EARLIER, b] if known > 1 else a0
-        a_last = x[b] if begun else 0.0
+        a_last = x[b] if started else 0.0
         v_base[b] = v0[b] + h * (c.v_a0 * a0 + c.v_a * a_last)
         q_base[b] = q0[b] + h * (c.q_v0 * v0[b] + c.q_v * v_last[b] + h * (c.q_a0 * a0 + c.q_a * a_last))
         # Linear extrapolation of the two latest accelerations.
-        x[b] = a0 + part * ((a_last - a0) if begun else (a0 - before))
+        x[b] = a0 + part * ((a_last - a0) if started else (a0 - before))
         move += ((q_base[b] + c.c_q * h * h * x[b] - q_last[b]) * weight[b]) ** 2
     if not move < m.far * m.far:
         # In a stiff arm, velocity and acceleration do not predict the state a step later.

@@ -164,7 +164,8 @@ def judge(
     )
     if state.vented:
         names = state.monitors.names
-        return state._replace(emptying=watch_vent(limits, state.emptying, names, reading_pa, fresh, now_ns))
+        checked = watch_vent(limits, state.vent_check, names, reading_pa, fresh, now_ns)
+        return state._replace(vent_check=checked)
     cause = fault or _trip_cause(limits, state, reading_pa, now_ns)
     if cause is None:
         monitors, cause = watch(

@@ -63,7 +63,7 @@ class MonitorState(NamedTuple):
     now_ns: int
 
 
-class Sample(NamedTuple):
+class MonitorSample(NamedTuple):
     """One exchange: set points sent, readings, whose are fresh, whose are the first.
 
     `model_pa` is the prediction, and `off_pa` what the readings differ from it.

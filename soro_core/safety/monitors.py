@@ -17,7 +17,7 @@ from soro_core.arrays import Array, Flags, Integers
 from soro_core.pneumatics.lag import follow
 from soro_core.pneumatics.regulator import RegulatorModel, step
 from soro_core.safety.limits import Monitors
-from soro_core.safety.monitor_state import NEVER, MonitorState, Sample, chamber
+from soro_core.safety.monitor_state import NEVER, MonitorSample, MonitorState, chamber
 
 # A set point counts as settled after this time and this number of lags (e^-8 of full scale is 30 Pa).
 SETTLED_S, SETTLED_LAGS = 0.5, 8.0
@@ -100,7 +100,7 @@ def watch(
         )
     model = expected.pressure_pa
     off = reading_pa - model
-    sample = Sample(setpoint_pa, reading_pa, fresh, first, model, off, supply_pa, dt, now_ns)
+    sample = MonitorSample(setpoint_pa, reading_pa, fresh, first, model, off, supply_pa, dt, now_ns)
     changes: dict[str, Array | Integers] = {}
     causes = []
     for monitor in (_spike, _stuck, _frozen, _deviation, _drift, _supply):
@@ -119,7 +119,7 @@ def watch(
     return state, causes[0] if causes else None
 
 
-def _spike(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
+def _spike(m: Monitors, _: RegulatorModel, s: MonitorState, now: MonitorSample) -> _Found:
     """A change since the last fresh reading beyond what the prediction changed."""
     jump = np.abs(now.off_pa - s.residual_pa)
     bad = now.fresh & ~now.first & (jump > m.spike_pa)
@@ -130,7 +130,7 @@ def _spike(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Fou
     return {}, f"spike: {chamber(s.names, n)} {jumped}"
 
 
-def _stuck(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
+def _stuck(m: Monitors, _: RegulatorModel, s: MonitorState, now: MonitorSample) -> _Found:
     """The set point has gone somewhere else, the reading stays where it was."""
     far = now.fresh & (np.abs(now.reading_pa - s.moved_pa) > m.stuck_motion_pa)
     moved = now.first | far
@@ -146,7 +146,7 @@ def _stuck(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Fou
     return changes, f"stuck valve: {chamber(s.names, n)} stays at {now.reading_pa[n] / 1e3:.1f} kPa, {change}"
 
 
-def _frozen(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
+def _frozen(m: Monitors, _: RegulatorModel, s: MonitorState, now: MonitorSample) -> _Found:
     """Readings that are equal to the last digit while the pressure must have changed."""
     other = now.first | (now.fresh & (now.reading_pa != s.reading_pa))
     since = np.where(other, now.now_ns, s.same_ns)
@@ -160,7 +160,7 @@ def _frozen(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Fo
     return changes, f"frozen sensor: {chamber(s.names, n)} reads exactly {found}"
 
 
-def _deviation(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
+def _deviation(m: Monitors, _: RegulatorModel, s: MonitorState, now: MonitorSample) -> _Found:
     """A reading that the set points do not explain."""
     off = np.abs(now.off_pa) > m.model_pa
     since = _since(s.deviates_ns, off, now.fresh, now.now_ns)
@@ -173,7 +173,7 @@ def _deviation(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> 
     return {"deviates_ns": since}, f"implausible: {chamber(s.names, n)} reads {found}"
 
 
-def _drift(m: Monitors, response: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
+def _drift(m: Monitors, response: RegulatorModel, s: MonitorState, now: MonitorSample) -> _Found:
     """A reading that runs away at a constant set point: in three windows in a row, as no single step does."""
     since = np.where((now.setpoint_pa != s.setpoint_pa) | now.first, now.now_ns, s.still_ns)
     settled_s = max(SETTLED_S, response.delay_s + SETTLED_LAGS * max(response.tau_s, response.vent_tau_s))
@@ -204,7 +204,7 @@ def _drift(m: Monitors, response: RegulatorModel, s: MonitorState, now: Sample) 
     return changes, f"leak: {chamber(s.names, n)} {which} by {abs(rate[n]) / 1e3:.1f} kPa/s at {at}"
 
 
-def _supply(m: Monitors, _: RegulatorModel, s: MonitorState, now: Sample) -> _Found:
+def _supply(m: Monitors, _: RegulatorModel, s: MonitorState, now: MonitorSample) -> _Found:
     """Supply that cannot carry the set point, or is higher than the parts bear, where a device reports it."""
     if now.supply_pa is None:
         return {}, None

@@ -9,7 +9,7 @@ import numpy as np
 
 from soro_core.arrays import Array, Integers
 from soro_core.safety.monitor_state import MonitorState, initial_monitors
-from soro_core.safety.vent_check import Emptying, not_begun
+from soro_core.safety.vent_check import VentCheck, initial_check
 
 # End of the refusal of a reset after a command that was not zero.
 MUST_BE_ZERO = "the command must be zero"
@@ -24,7 +24,7 @@ class SafetyState(NamedTuple):
         Set points that the exchange sends, and the last accepted command [Pa gauge].
     monitors : MonitorState
         Memory of the monitors.
-    emptying : Emptying
+    vent_check : VentCheck
         Whether the arm has become empty since the vent.
     rejected : dict of str to int
         Number of refused commands by kind.
@@ -46,7 +46,7 @@ class SafetyState(NamedTuple):
     setpoint_pa: Array
     command_pa: Array
     monitors: MonitorState
-    emptying: Emptying
+    vent_check: VentCheck
     rejected: dict[str, int]
     command_ns: int | None = None
     command_stamp_ns: int = 0
@@ -64,7 +64,7 @@ class SafetyState(NamedTuple):
     @property
     def not_vented(self) -> str | None:
         """Which chambers have kept their pressure since the vent, or None."""
-        return self.emptying.not_vented
+        return self.vent_check.not_vented
 
     @property
     def kept(self) -> str | None:
@@ -81,7 +81,7 @@ class SafetyState(NamedTuple):
 def initial_state(n: int, names: Sequence[str] = ()) -> SafetyState:
     """Return the state of `n` chambers before the first command; causes use `names` if they are given."""
     monitors = initial_monitors(n, names)
-    return SafetyState(np.zeros(n), np.zeros(n), monitors, not_begun(n), {})
+    return SafetyState(np.zeros(n), np.zeros(n), monitors, initial_check(n), {})
 
 
 def count_refusal(state: SafetyState, refusal: str) -> SafetyState:

@@ -16,14 +16,14 @@ EMPTY_AGAIN = 0.8
 
 
 @dataclass(frozen=True)
-class Emptying:
+class VentCheck:
     """State of a vent; arrays have one entry a chamber.
 
     Attributes
     ----------
     full, named : ndarray (n,) of bool
         Chambers whose last reading showed pressure, and those of them that have been named.
-    begun_ns : int or None
+    start_ns : int or None
         Time of the first exchange after the vent.
     not_vented : str or None
         Which chambers have kept their pressure for too long; None again when all of them are empty.
@@ -31,26 +31,26 @@ class Emptying:
 
     full: Flags
     named: Flags
-    begun_ns: int | None = None
+    start_ns: int | None = None
     not_vented: str | None = None
 
 
-def not_begun(n: int) -> Emptying:
+def initial_check(n: int) -> VentCheck:
     """Return the state of `n` chambers that have not been vented."""
     none = np.zeros(n, dtype=np.bool_)
-    return Emptying(none, none)
+    return VentCheck(none, none)
 
 
 def watch_vent(
-    limits: Limits, state: Emptying, names: Sequence[str], reading_pa: Array, fresh: Flags, now_ns: int
-) -> Emptying:
+    limits: Limits, state: VentCheck, names: Sequence[str], reading_pa: Array, fresh: Flags, now_ns: int
+) -> VentCheck:
     """Judge the readings of one exchange during a vent.
 
     Parameters
     ----------
     limits : Limits
         Pressure and time limits of a vent.
-    state : Emptying
+    state : VentCheck
         State before the exchange.
     names : sequence of str
         Names of the chambers.
@@ -63,19 +63,19 @@ def watch_vent(
 
     Returns
     -------
-    Emptying
+    VentCheck
     """
-    begun_ns = now_ns if state.begun_ns is None else state.begun_ns
+    start_ns = now_ns if state.start_ns is None else state.start_ns
     # No pressure is below a vacuum: an open wire, like a reading that is not a number, is no reading.
     live = fresh & (reading_pa >= limits.monitors.open_circuit_pa)
     top_pa = limits.vented_pa * (1.0 if state.not_vented is None else EMPTY_AGAIN)
     full = np.where(live, np.abs(reading_pa) >= top_pa, state.full)
     if not full.any():
-        return Emptying(full, full, begun_ns)
-    took_s, named, text = (now_ns - begun_ns) * 1e-9, state.named, state.not_vented
+        return VentCheck(full, full, start_ns)
+    took_s, named, text = (now_ns - start_ns) * 1e-9, state.named, state.not_vented
     if took_s >= limits.vent_limit_s and np.any(full & ~named):
         kept = ", ".join(
             f"{chamber(names, int(n))} still at {reading_pa[n] / 1e3:.1f} kPa" for n in np.flatnonzero(full)
         )
         named, text = named | full, f"{kept} {took_s:.1f} s after the vent: open the dump valve"
-    return Emptying(full, named, begun_ns, text)
+    return VentCheck(full, named, start_ns, text)

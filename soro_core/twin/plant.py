@@ -25,7 +25,7 @@ def true_robot(robot: Robot, config: TwinConfig) -> Robot:
     return real.replace(tip_mass=robot.tip_mass + config.payload_kg)
 
 
-class Plant:
+class ArmPlant:
     """An arm and its time stepper.
 
     Parameters

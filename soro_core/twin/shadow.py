@@ -23,7 +23,7 @@ DIFFERENCES = ("distance", "x", "y", "z", "rotation", "bending")
 
 
 @dataclass(frozen=True)
-class Difference:
+class PoseDifference:
     """A measured pose less the shadow's at the same time.
 
     Attributes
@@ -147,7 +147,7 @@ class Shadow:
         """Return the simulated pose (4, 4) at a time; None where no pose is kept around it."""
         return _between_poses(state.poses, stamp_ns)
 
-    def compare(self, simulated: Array, position: Array, quaternion: Array) -> Difference:
+    def compare(self, simulated: Array, position: Array, quaternion: Array) -> PoseDifference:
         """Subtract a simulated pose from a measured one.
 
         Parameters
@@ -162,7 +162,7 @@ class Shadow:
         measured = matrix_from_quaternion(quaternion)
         turn = rotation_log(simulated[:3, :3].T @ measured)
         bending = _angle(self._axis, measured[:, 2]) - _angle(self._axis, simulated[:3, 2])
-        return Difference(position - simulated[:3, 3], float(np.linalg.norm(turn)), bending)
+        return PoseDifference(position - simulated[:3, 3], float(np.linalg.norm(turn)), bending)
 
     def _start(self, state: ShadowState, stamp_ns: int, pressure_pa: Array) -> ShadowState:
         twin = beginning(self.twin, pressure_pa)

@@ -18,7 +18,7 @@ from soro_core.frozen import replaced
 from soro_core.integrate import OK, State, Status
 from soro_core.robot import Robot
 from soro_core.twin.config import SensorConfig, TwinConfig
-from soro_core.twin.plant import Plant
+from soro_core.twin.plant import ArmPlant
 from soro_core.twin.sensors import (
     Sample,
     SectionMotion,
@@ -37,7 +37,7 @@ SHORTEST_S = 1e-9
 class TwinState:
     """State of arm, air and sensors, these by place; `tick` counts from 0.
 
-    `begun` is the tick from which the times of the payload's changes count; None: they wait.
+    `start_tick` is the tick from which the times of the payload's changes count; None: they wait.
     """
 
     tick: int
@@ -46,7 +46,7 @@ class TwinState:
     poses: tuple[SensorState[PoseSample], ...]
     imus: tuple[SensorState[ImuSample], ...]
     status: Status
-    begun: int | None = 0
+    start_tick: int | None = 0
 
 
 @dataclass(frozen=True)
@@ -81,10 +81,13 @@ class Twin:
     """
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
-        self.plant = Plant(robot, config)
+        self.plant = ArmPlant(robot, config)
         """The arm at the begin."""
         later = config.payload_changes.payload_kg
-        self._plants = (self.plant, *(Plant(robot, with_changes(config, payload_kg=mass)) for mass in later))
+        self._plants = (
+            self.plant,
+            *(ArmPlant(robot, with_changes(config, payload_kg=mass)) for mass in later),
+        )
         self.config = config
         self.dt = 1.0 / config.rate_hz
         self._length = self.plant.arm.length
@@ -102,11 +105,11 @@ class Twin:
         """Undeformed length of the arm [m]."""
         return self._length
 
-    def _plant(self, state: TwinState) -> Plant:
+    def _plant(self, state: TwinState) -> ArmPlant:
         """The arm with the payload that it carries in a state."""
-        if state.begun is None:
+        if state.start_tick is None:
             return self.plant
-        return self._plants[self.config.payload_changes.passed((state.tick - state.begun) * self.dt)]
+        return self._plants[self.config.payload_changes.passed((state.tick - state.start_tick) * self.dt)]
 
     def initial(self, pressure_pa: Array | None = None) -> TwinState:
         """Return the state at tick 0: at rest under constant pressures (n_u,) [Pa], none by default."""

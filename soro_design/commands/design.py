@@ -10,7 +10,7 @@ import typer
 from soro_core.errors import ConfigError, ModelError
 
 if TYPE_CHECKING:
-    from soro_design.topology import OptimiserState, Reanalysis, Shape
+    from soro_design.topology import FinalPart, OptimiserState, Reanalysis
     from soro_design.topology.domain import Domain
 
 app = typer.Typer(no_args_is_help=True)
@@ -238,7 +238,7 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
 
 
 def _numbers(
-    domain: Domain, state: OptimiserState, found: Shape, moved: Reanalysis | None
+    domain: Domain, state: OptimiserState, found: FinalPart, moved: Reanalysis | None
 ) -> list[tuple[str, str]]:
     row = state.rows[-1]
     x, y = 1e3 * found.wall_at

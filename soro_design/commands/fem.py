@@ -12,8 +12,8 @@ from soro_core.errors import ConfigError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from soro_design.fem import State
-    from soro_design.parts.file import PartFile, Sweep
+    from soro_design.fem import EquilibriumState
+    from soro_design.parts.file import LoadSweep, PartFile
     from soro_design.parts.folder import SweepFolder
     from soro_design.parts.specimen import Specimen
 
@@ -120,7 +120,7 @@ def follow_all(
     with console.status("") as shown:
         for sweep in file.sweeps:
 
-            def reached(state: State, sweep: Sweep = sweep) -> None:
+            def reached(state: EquilibriumState, sweep: LoadSweep = sweep) -> None:
                 kept.keep(sweep, state)
                 shown.update(f"{sweep.name}: load factor {state.load:.3g} of 1")
 

@@ -27,7 +27,7 @@ from soro_design.fem.solve.arc import follow
 from soro_design.fem.solve.dynamics import DynamicsResult, Moving, march
 from soro_design.fem.solve.mass import VibrationModes, modes
 from soro_design.fem.solve.newton import solve
-from soro_design.fem.solve.states import Settings, Solution, State
+from soro_design.fem.solve.states import EquilibriumState, LoadSolution, SolverSettings
 from soro_design.fem.stress import Strained, strained
 
 __all__ = [
@@ -35,8 +35,10 @@ __all__ = [
     "Bellows",
     "Contact",
     "DynamicsResult",
+    "EquilibriumState",
     "Fibres",
     "Hyperelastic",
+    "LoadSolution",
     "Loads",
     "Mesh",
     "MeshFile",
@@ -48,9 +50,7 @@ __all__ = [
     "RodCounts",
     "RodShape",
     "SaintVenant",
-    "Settings",
-    "Solution",
-    "State",
+    "SolverSettings",
     "Strained",
     "VibrationModes",
     "bellows_mesh",

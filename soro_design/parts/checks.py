@@ -11,7 +11,7 @@ from soro_design.parts.geometry import BellowsGeometry, Geometry, RodGeometry
 from soro_design.parts.mesh_geometry import AXES, MeshGeometry
 
 if TYPE_CHECKING:
-    from soro_design.parts.file import PartFile, Sweep
+    from soro_design.parts.file import LoadSweep, PartFile
 
 
 def check_part(part: PartFile, where: str) -> None:
@@ -80,7 +80,7 @@ def _check_mesh(geometry: MeshGeometry, where: str) -> None:
             raise ConfigError(where, f"geometry.{key}", directions, allowed)
 
 
-def _check_sweep(sweep: Sweep, part: PartFile, where: str, key: str) -> None:
+def _check_sweep(sweep: LoadSweep, part: PartFile, where: str, key: str) -> None:
     geometry = part.geometry
     chambers = 1
     if isinstance(geometry, RodGeometry):
@@ -105,7 +105,7 @@ def _check_sweep(sweep: Sweep, part: PartFile, where: str, key: str) -> None:
         raise ConfigError(where, key, "no load", "pressures_pa, force_n, tensions_n or extension_m")
 
 
-def _check_force(sweep: Sweep, geometry: Geometry, where: str, key: str) -> None:
+def _check_force(sweep: LoadSweep, geometry: Geometry, where: str, key: str) -> None:
     """Of a force that is not 0."""
     if isinstance(geometry, RodGeometry):
         return

@@ -11,7 +11,7 @@ from soro_core.config import Floats, Strict
 from soro_design.fem.contact import Contact, Obstacle
 
 
-class Plane(Strict):
+class RigidPlane(Strict):
     """A rigid plane that does not move; of a section, a line."""
 
     through_m: Annotated[Floats, Field(description="its middle; of a section two numbers, else three")]
@@ -45,7 +45,7 @@ class ContactKeys(Strict):
     stiffness_pa: Annotated[
         float | None, Field(gt=0.0, description="of the barrier; default: the shear modulus")
     ] = None
-    planes: Annotated[tuple[Plane, ...], Field(strict=False, description="that the part may meet")] = ()
+    planes: Annotated[tuple[RigidPlane, ...], Field(strict=False, description="that the part may meet")] = ()
 
     @property
     def contact(self) -> Contact:

@@ -17,7 +17,7 @@ from soro_design.parts.mesh_geometry import MeshGeometry
 from soro_design.parts.tendons import Tendon
 
 
-class Sweep(Strict):
+class LoadSweep(Strict):
     """Loads that rise together from nothing."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]+$", description="begins the names of its files")]
@@ -71,11 +71,11 @@ class PartFile(Strict):
     tendons: Annotated[
         tuple[Tendon, ...], Field(strict=False, description="of a rod or of a solid mesh")
     ] = ()
-    sweeps: Annotated[tuple[Sweep, ...], Field(strict=False)]
+    sweeps: Annotated[tuple[LoadSweep, ...], Field(strict=False)]
 
     @field_validator("sweeps")
     @classmethod
-    def _names(cls, value: tuple[Sweep, ...]) -> tuple[Sweep, ...]:
+    def _names(cls, value: tuple[LoadSweep, ...]) -> tuple[LoadSweep, ...]:
         if not value:
             raise ValueError("one sweep or more, each with a name and a load")
         names = [sweep.name for sweep in value]

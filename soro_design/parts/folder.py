@@ -12,10 +12,10 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError
-from soro_design.fem import State
+from soro_design.fem import EquilibriumState
 from soro_design.fem.meshes.vtu import write_vtu
 from soro_design.fem.stress import strained
-from soro_design.parts.file import PartFile, Sweep
+from soro_design.parts.file import LoadSweep, PartFile
 from soro_design.parts.mesh_specimen import MeshSpecimen
 from soro_design.parts.specimen import RodSpecimen, Specimen
 from soro_design.parts.sweeps import Backbone, backbone
@@ -48,7 +48,7 @@ class SweepFolder:
     backbones: list[Backbone] = field(default_factory=list)
     shapes: dict[str, Array] = field(default_factory=dict)
 
-    def keep(self, sweep: Sweep, state: State) -> None:
+    def keep(self, sweep: LoadSweep, state: EquilibriumState) -> None:
         """Take in a state in equilibrium; one at a load of the sweep becomes files."""
         self.shapes[sweep.name] = state.u
         if state.load not in sweep.loads:
@@ -75,7 +75,7 @@ class SweepFolder:
         if self.backbones and isinstance(self.specimen, RodSpecimen):
             save_backbones(self.folder / BACKBONE, self.specimen.z, self.backbones)
 
-    def keep_last(self, sweep: Sweep) -> Path | None:
+    def keep_last(self, sweep: LoadSweep) -> Path | None:
         """Write the last state of a sweep that ended early; None if it did not leave the undeformed state."""
         if sweep.name not in self.shapes:
             return None

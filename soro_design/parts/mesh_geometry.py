@@ -44,7 +44,7 @@ class Region(Strict):
         return {key: value for key, value in stated.items() if value is not None}
 
 
-class Held(Strict):
+class FixedNodes(Strict):
     """Nodes that do not move in some directions."""
 
     region: Annotated[Name, Field(description="its name in regions")]
@@ -83,7 +83,7 @@ class MeshGeometry(Strict):
         float | None, Field(gt=0.0, description="greatest edge of the tetrahedra of a STEP file")
     ] = None
     regions: Annotated[dict[Name, Region], Field(description="by name")]
-    held: Annotated[tuple[Held, ...], Field(strict=False, description="what does not move")]
+    held: Annotated[tuple[FixedNodes, ...], Field(strict=False, description="what does not move")]
     pressed: Annotated[
         tuple[Pressed, ...], Field(strict=False, description="in the order of pressures_pa of a sweep")
     ] = ()

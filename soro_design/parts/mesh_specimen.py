@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 
 from soro_core.arrays import Integers
 from soro_core.errors import ConfigError, ModelError
-from soro_design.fem import State
+from soro_design.fem import EquilibriumState
 from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.loads import no_loads, spread_force
 from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, read_mesh
 from soro_design.fem.part import Part
 from soro_design.parts.bare import bare_part
-from soro_design.parts.file import PartFile, Sweep
+from soro_design.parts.file import LoadSweep, PartFile
 from soro_design.parts.mesh_geometry import AXES, MeshGeometry, Region
 from soro_design.parts.tendons import Routed, tensioned
 
@@ -62,7 +62,7 @@ class MeshSpecimen:
             return np.unique(self.forced)
         return self.moved if self.moved.size else np.arange(len(self.part.mesh.points))
 
-    def under(self, sweep: Sweep) -> Part:
+    def under(self, sweep: LoadSweep) -> Part:
         """Return the part under the pressures, the force, the extension and the tensions of a sweep."""
         loads, mesh = self.part.loads, self.part.mesh
         for (faces, is_open), pressure in zip(self.pressed, sweep.pressures_pa, strict=False):
@@ -73,7 +73,7 @@ class MeshSpecimen:
             loads = loads.hold(self.moved, self.direction, sweep.extension_m)
         return self.part.under(tensioned(loads, self.tendons, sweep.tensions_n))
 
-    def measured(self, state: State) -> dict[str, float]:
+    def measured(self, state: EquilibriumState) -> dict[str, float]:
         """Return the mean motion of what is forced or moved, the force that moves it, the greatest motion."""
         axes = AXES[self.part.mesh.space]
         mean = state.u[self.watched].mean(axis=0)

@@ -10,7 +10,7 @@ import numpy as np
 from soro_core.arrays import Array, Integers
 from soro_core.errors import ConfigError, ModelError
 from soro_core.rotation import rotation_log
-from soro_design.fem import State
+from soro_design.fem import EquilibriumState
 from soro_design.fem.backbone import section_poses
 from soro_design.fem.elements.fibres import fibres
 from soro_design.fem.loads import no_loads, spread_force
@@ -19,7 +19,7 @@ from soro_design.fem.meshes.blocks import grid, revolved_tube
 from soro_design.fem.meshes.rod import Rod, rod_mesh
 from soro_design.fem.part import Part
 from soro_design.parts.bare import bare_part
-from soro_design.parts.file import PartFile, Sweep
+from soro_design.parts.file import LoadSweep, PartFile
 from soro_design.parts.geometry import BellowsGeometry, RodGeometry, TubeGeometry
 from soro_design.parts.mesh_geometry import MeshGeometry
 from soro_design.parts.mesh_specimen import MeshSpecimen, mesh_specimen
@@ -61,7 +61,7 @@ class RodSpecimen:
         """Return the poses of the sections (s, 4, 4) at displacements (n, 3)."""
         return section_poses(self.part.mesh.points, u, self.rod.sections, self.rod.share)
 
-    def under(self, sweep: Sweep) -> Part:
+    def under(self, sweep: LoadSweep) -> Part:
         """Return the part under pressures in its chambers, a force on its end face and tensions."""
         loads = self.part.loads
         for faces, pressure in zip(self.rod.chambers, sweep.pressures_pa, strict=False):
@@ -70,7 +70,7 @@ class RodSpecimen:
             loads = loads.pull(spread_force(self.part.mesh, self.tip, sweep.force_n))
         return self.part.under(tensioned(loads, self.tendons, sweep.tensions_n))
 
-    def measured(self, state: State) -> dict[str, float]:
+    def measured(self, state: EquilibriumState) -> dict[str, float]:
         """Return place and turn of the last section."""
         pose = self.poses(state.u)[-1]
         place, turn = pose[:3, 3], rotation_log(pose[:3, :3])
@@ -106,14 +106,14 @@ class RingSpecimen:
         """Number of pressures."""
         return 1
 
-    def under(self, sweep: Sweep) -> Part:
+    def under(self, sweep: LoadSweep) -> Part:
         """Return the part with its upper end held at an extension, under a pressure inside."""
         loads = self.part.loads.hold(self.tip, 1, sweep.extension_m)
         for pressure in sweep.pressures_pa:
             loads = loads.press(self.inside, pressure)
         return self.part.under(loads)
 
-    def measured(self, state: State) -> dict[str, float]:
+    def measured(self, state: EquilibriumState) -> dict[str, float]:
         """Return the extension, the force that holds it, and the greatest change of a radius."""
         r = state.u[:, 0]
         return {

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_design.fem import Settings, Solution, State, solve
-from soro_design.parts.file import Sweep
+from soro_design.fem import EquilibriumState, LoadSolution, SolverSettings, solve
+from soro_design.parts.file import LoadSweep
 from soro_design.parts.specimen import RodSpecimen, Specimen
 
 
@@ -41,30 +41,30 @@ class Backbone:
     poses: Array
 
 
-def follow(specimen: Specimen, sweep: Sweep, reached: Callable[[State], None]) -> Solution:
+def follow(specimen: Specimen, sweep: LoadSweep, reached: Callable[[EquilibriumState], None]) -> LoadSolution:
     """Follow a part through a sweep.
 
     Parameters
     ----------
     specimen : Specimen
         The part.
-    sweep : Sweep
+    sweep : LoadSweep
         Loads that rise from nothing.
     reached : callable
         Called with every state in equilibrium; those at the loads of the sweep are among them.
     """
-    return solve(specimen.under(sweep), sweep.loads, Settings(first_step=1.0 / sweep.states), reached)
+    return solve(specimen.under(sweep), sweep.loads, SolverSettings(first_step=1.0 / sweep.states), reached)
 
 
-def backbone(specimen: RodSpecimen, sweep: Sweep, state: State) -> Backbone:
+def backbone(specimen: RodSpecimen, sweep: LoadSweep, state: EquilibriumState) -> Backbone:
     """Return the backbone of a rod in a state.
 
     Parameters
     ----------
     specimen : RodSpecimen
-    sweep : Sweep
+    sweep : LoadSweep
         Its pressures and force at load factor 1.
-    state : State
+    state : EquilibriumState
         Of this sweep.
     """
     pressures = np.zeros(len(specimen.rod.chambers))

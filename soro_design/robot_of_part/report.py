@@ -12,18 +12,18 @@ from matplotlib.figure import Figure
 
 from soro_design.robot_of_part.joint import TipError
 from soro_design.robot_of_part.link import at_bound
-from soro_design.robot_of_part.stages import Identified
+from soro_design.robot_of_part.stages import PartIdentification
 from soro_design.robot_of_part.written import LOADS, mean_and_most, quality, refusal, single_loads
 from soro_lab.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, Image, style, svg
 from soro_lab.reporting.html import Block, Bullets, Chapter, Page, Picture, Table, Words, number, write
 
 
-def content_of(found: Identified, source: str, file: str, accept: float) -> dict[str, Any]:
+def content_of(found: PartIdentification, source: str, file: str, accept: float) -> dict[str, Any]:
     """Return the numbers of a report.
 
     Parameters
     ----------
-    found : Identified
+    found : PartIdentification
         What is reported.
     source, file : str
         Names of the part file and of the robot file.
@@ -59,14 +59,14 @@ def content_of(found: Identified, source: str, file: str, accept: float) -> dict
     }
 
 
-def write_report(content: dict[str, Any], found: Identified, folder: Path) -> Path:
+def write_report(content: dict[str, Any], found: PartIdentification, folder: Path) -> Path:
     """Write index.html, report.json and the folder pictures; return the page.
 
     Parameters
     ----------
     content : dict
         Of `content_of`.
-    found : Identified
+    found : PartIdentification
         What is reported.
     folder : Path
         Made where it does not exist.
@@ -89,13 +89,13 @@ def write_report(content: dict[str, Any], found: Identified, folder: Path) -> Pa
     return write(page, content, folder)
 
 
-def _tips(content: dict[str, Any], found: Identified) -> Iterator[Block]:
+def _tips(content: dict[str, Any], found: PartIdentification) -> Iterator[Block]:
     yield Words("Distance of the tips, in % of the length. Points: finite elements; lines: the link.")
     yield _sweeps(content)
     yield Picture(tips_picture(found), "tips of the link and of the part over the load of each sweep")
 
 
-def _backbones(found: Identified) -> Iterator[Block]:
+def _backbones(found: PartIdentification) -> Iterator[Block]:
     yield Picture(backbones_picture(found), "backbones of the link and of the part")
 
 
@@ -107,7 +107,7 @@ def _numbers(content: dict[str, Any]) -> Iterator[Block]:
     yield _number_table(content)
 
 
-def _strains(content: dict[str, Any], found: Identified) -> Iterator[Block]:
+def _strains(content: dict[str, Any], found: PartIdentification) -> Iterator[Block]:
     yield Words(
         "What shape functions keep of the states by projection, the best that a link with them can do."
         " Missing: of the strains, root mean square."
@@ -161,7 +161,7 @@ def _modes(content: dict[str, Any]) -> Table:
     return Table(["shape functions", *head], rows)
 
 
-def tips_picture(found: Identified) -> Image:
+def tips_picture(found: PartIdentification) -> Image:
     """Return the places of both tips over the load of each sweep."""
     with mpl.rc_context(style()):
         figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
@@ -178,7 +178,7 @@ def tips_picture(found: Identified) -> Image:
         return svg(figure)
 
 
-def backbones_picture(found: Identified) -> Image:
+def backbones_picture(found: PartIdentification) -> Image:
     """Return both backbones at the end of each sweep, across and along the axis."""
     with mpl.rc_context(style()):
         sweeps = _by_sweep(found)
@@ -197,7 +197,7 @@ def backbones_picture(found: Identified) -> Image:
         return svg(figure)
 
 
-def strains_picture(found: Identified) -> Image:
+def strains_picture(found: PartIdentification) -> Image:
     """Return elongation and curvature along the part at the end of each sweep."""
     data = found.data
     middle = 0.5e3 * (data.z[1:] + data.z[:-1])
@@ -215,7 +215,7 @@ def strains_picture(found: Identified) -> Image:
         return svg(figure)
 
 
-def _by_sweep(found: Identified) -> list[list[TipError]]:
+def _by_sweep(found: PartIdentification) -> list[list[TipError]]:
     groups: dict[str, list[TipError]] = {}
     every: Sequence[TipError] = (*found.fitted, *found.held_out)
     for error in every:

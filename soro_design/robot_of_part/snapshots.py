@@ -10,7 +10,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_design.fem.backbone import section_strains
-from soro_design.parts.file import Sweep
+from soro_design.parts.file import LoadSweep
 from soro_design.parts.sweeps import Backbone
 
 # Order of the strains of a link: elongation, bending_x and bending_y, from a twist (angular part first).
@@ -83,7 +83,7 @@ def snapshots(z: Array, states: Sequence[Backbone], where: str) -> Snapshots:
     )
 
 
-def check_sweeps(sweeps: Sequence[Sweep], where: str) -> None:
+def check_sweeps(sweeps: Sequence[LoadSweep], where: str) -> None:
     """Refuse sweeps that do not suffice before they are computed; errors as in `snapshots`."""
     for sweep in sweeps:
         if any(sweep.tensions_n):

@@ -11,7 +11,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.config import with_changes
 from soro_core.robot import Robot
-from soro_design.parts.file import PartFile, Sweep
+from soro_design.parts.file import LoadSweep, PartFile
 from soro_design.parts.geometry import RodGeometry
 from soro_design.parts.specimen import RodSpecimen, make_specimen
 from soro_design.parts.sweeps import backbone, follow
@@ -52,7 +52,7 @@ class MeshCheck:
 
 
 @dataclass(frozen=True, eq=False)
-class Identified:
+class PartIdentification:
     """What was found.
 
     Attributes
@@ -110,7 +110,7 @@ def identify(
     n_modes: int = 0,
     with_mesh_check: bool = True,
     progress: Callable[[str], None] = lambda stage: None,
-) -> Identified:
+) -> PartIdentification:
     """Find the numbers of a link that stands for a rod.
 
     Parameters
@@ -154,7 +154,7 @@ def identify(
     if with_mesh_check:
         progress("a coarser mesh")
         mesh = mesh_check(file, specimen, data)
-    return Identified(
+    return PartIdentification(
         data, known, start, result, robot, samples, fitted, held_out, constant, tuple(compared), mesh
     )
 
@@ -177,7 +177,7 @@ def mesh_check(file: PartFile, specimen: RodSpecimen, data: Snapshots) -> MeshCh
     coarse = make_specimen(with_changes(file, geometry=with_changes(geometry, **halved)))
     assert isinstance(coarse, RodSpecimen)
     name = data.uneven[0].sweep
-    sweep: Sweep = next(one for one in file.sweeps if one.name == name)
+    sweep: LoadSweep = next(one for one in file.sweeps if one.name == name)
     done = follow(coarse, sweep, lambda state: None)
     fine = [state for state in data.uneven if state.sweep == name and state.load == done.last.load]
     if not fine or not done.states:

@@ -13,7 +13,7 @@ from soro_design.robot_of_part.direct import Direct
 from soro_design.robot_of_part.joint import TipError
 from soro_design.robot_of_part.link import GIVEN, at_bound, robot_keys
 from soro_design.robot_of_part.modes import mode_file, strain_keys
-from soro_design.robot_of_part.stages import Identified
+from soro_design.robot_of_part.stages import PartIdentification
 from soro_design.robot_of_part.verdict import kept_verdict, link_verdict
 
 # Digits of numbers in the file.
@@ -27,12 +27,12 @@ LOADS = {
 }
 
 
-def write_robot(found: Identified, source: str, out: Path) -> list[Path]:
+def write_robot(found: PartIdentification, source: str, out: Path) -> list[Path]:
     """Write the robot file, and the files of its modes beside it; return them.
 
     Parameters
     ----------
-    found : Identified
+    found : PartIdentification
         What is written.
     source : str
         Name of the part file.
@@ -47,7 +47,7 @@ def write_robot(found: Identified, source: str, out: Path) -> list[Path]:
     return files
 
 
-def robot_text(found: Identified, source: str, out: Path) -> str:
+def robot_text(found: PartIdentification, source: str, out: Path) -> str:
     """Return the robot file, parameters as in `write_robot`."""
     strains = None if found.samples is None else strain_keys(found.samples, out)
     keys = _rounded(robot_keys(found.known, found.values, strains))
@@ -61,7 +61,7 @@ def robot_text(found: Identified, source: str, out: Path) -> str:
     return "\n".join(f"# {line}".rstrip() for line in lines) + "\n" + body
 
 
-def quality(found: Identified) -> list[str]:
+def quality(found: PartIdentification) -> list[str]:
     """Return one line each on errors, on the mesh, on modes and on numbers that stop at a bound."""
     lines = [
         f"Tip against finite elements, in % of the length: {_errors(found.fitted)} fitted,"
@@ -85,12 +85,12 @@ def quality(found: Identified) -> list[str]:
     return lines
 
 
-def refusal(found: Identified, accept: float) -> str:
+def refusal(found: PartIdentification, accept: float) -> str:
     """Return why a robot is not accepted, empty where it is.
 
     Parameters
     ----------
-    found : Identified
+    found : PartIdentification
         With the robot.
     accept : float
         Greatest error of a held-out tip over the length.
@@ -107,7 +107,7 @@ def refusal(found: Identified, accept: float) -> str:
     return ""
 
 
-def number_table(found: Identified) -> list[str]:
+def number_table(found: PartIdentification) -> list[str]:
     """Return one line a number: by single loads, by all states, by which load."""
     start = single_loads(found.start)
     rows = [("number", "single load", "all states", "load")]

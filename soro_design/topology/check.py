@@ -8,7 +8,7 @@ import numpy as np
 
 from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
-from soro_design.fem import Mesh, Settings, make_part, no_loads, solve
+from soro_design.fem import Mesh, SolverSettings, make_part, no_loads, solve
 from soro_design.fem.elements.solid import tables
 from soro_design.topology.domain import NEAR, Domain, held_nodes, inside, patch
 from soro_design.topology.flood import Flood, flood, thinnest_wall, wet_faces
@@ -41,7 +41,7 @@ class Reanalysis:
 
 
 @dataclass(frozen=True, eq=False)
-class Shape:
+class FinalPart:
     """The final part.
 
     Attributes
@@ -84,16 +84,16 @@ class Shape:
         return ""
 
 
-def shape(domain: Domain, state: OptimiserState) -> Shape:
+def shape(domain: Domain, state: OptimiserState) -> FinalPart:
     """Return the final part of a run."""
     cut = contour(domain, state.filtered)
     mesh = solid_mesh(domain, cut)
     air = flood(domain, cut)
     wet, outer = wet_faces(domain, cut, air, mesh)
-    return Shape(cut, mesh, air, wet, outer, *thinnest_wall(mesh, wet, outer))
+    return FinalPart(cut, mesh, air, wet, outer, *thinnest_wall(mesh, wet, outer))
 
 
-def reanalyse(domain: Domain, found: Shape) -> Reanalysis:
+def reanalyse(domain: Domain, found: FinalPart) -> Reanalysis:
     """Return how far the output of the final part moves, with its spring and without.
 
     Raises
@@ -117,7 +117,7 @@ def reanalyse(domain: Domain, found: Shape) -> Reanalysis:
     moved, causes = [], []
     for spring in (goal.spring_pa, 0.0):
         sprung = part.under(loads.spring(spring * np.abs(weights)))
-        done = solve(sprung, settings=Settings(tolerance=1e-8, iterations=20))
+        done = solve(sprung, settings=SolverSettings(tolerance=1e-8, iterations=20))
         reached = float((weights * done.last.u).sum()) if done.status == "solved" else np.nan
         moved.append((reached, done.last.u))
         causes.append(done.cause)

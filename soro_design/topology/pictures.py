@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from soro_core.arrays import Array
-from soro_design.topology.check import Reanalysis, Shape
+from soro_design.topology.check import FinalPart, Reanalysis
 from soro_design.topology.domain import Domain
 from soro_design.topology.optimise import TONES, OptimiserState
 
@@ -56,7 +56,7 @@ def film(domain: Domain, state: OptimiserState, path: Path) -> None:
 
 
 def picture(
-    domain: Domain, state: OptimiserState, found: Shape | None, moved: Reanalysis | None, path: Path
+    domain: Domain, state: OptimiserState, found: FinalPart | None, moved: Reanalysis | None, path: Path
 ) -> None:
     """Draw densities, pressures, the course of the goal, and the final part at rest and under pressure.
 
@@ -66,7 +66,7 @@ def picture(
         The task on its grid.
     state : State
         After the last iteration.
-    found : Shape or None
+    found : FinalPart or None
         The final part, if there is one.
     moved : Reanalysis or None
         How it moves, if the goal is a motion.
@@ -107,7 +107,7 @@ def picture(
     figure.savefig(path, dpi=90)
 
 
-def _part(axes: Any, found: Shape, u: Array | float) -> None:
+def _part(axes: Any, found: FinalPart, u: Array | float) -> None:
     at = 1e3 * (found.mesh.points + u)
     axes.add_collection(
         PolyCollection(list(at[found.mesh.cells]), facecolor="0.75", edgecolor="face", lw=0.3)

@@ -41,7 +41,7 @@ Region = Annotated[Box | Disc, Field(discriminator="kind")]
 Regions = Annotated[tuple[Region, ...], Field(strict=False)]
 
 
-class Held(Strict):
+class FixedRegion(Strict):
     """Nodes that do not move."""
 
     where: Annotated[Region, Field(description="the nodes")]
@@ -111,7 +111,7 @@ class Farthest(Strict):
         return with_changes(self, material=self._material(where).model_dump(mode="json"))
 
 
-class Air(Strict):
+class AirPermeability(Strict):
     """How densities let air through, docs/design.md (T3)."""
 
     threshold: Annotated[Share, Field(description="density at which a wall becomes tight")] = 0.1
@@ -170,7 +170,7 @@ class Task(Strict):
         Field(strict=False, description="elements along x and y"),
     ]
     goal: Annotated[Stiffest | Farthest, Field(discriminator="kind")]
-    held: Annotated[tuple[Held, ...], Field(strict=False, min_length=1)]
+    held: Annotated[tuple[FixedRegion, ...], Field(strict=False, min_length=1)]
     inlet: Annotated[Region, Field(description="nodes at full pressure")]
     open: Annotated[
         Regions,
@@ -185,7 +185,7 @@ class Task(Strict):
     volume_fraction: Annotated[Share, Field(description="greatest share of the volume that is solid")]
     filter_radius_m: Annotated[Positive, Field(description="of the density filter")]
     void_stiffness: Annotated[Share, Field(description="stiffness of void over that of solid")] = 1e-6
-    air: Air
+    air: AirPermeability
     schedule: Schedule
     mirrors: Annotated[
         tuple[Axis, ...],

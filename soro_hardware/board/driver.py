@@ -16,7 +16,7 @@ from soro_hardware.board import messages, texts
 from soro_hardware.board.config import BoardPlatform
 from soro_hardware.board.messages import PortFlag, StateMessage
 from soro_hardware.board.probe import examine
-from soro_hardware.board.session import Session
+from soro_hardware.board.session import BoardSession
 from soro_hardware.finding import Finding
 from soro_hardware.link_driver import LinkDriver
 from soro_hardware.port import Fault
@@ -46,7 +46,7 @@ class BoardRegulator(LinkDriver[BoardPlatform]):
     ) -> None:
         super().__init__(platform, platform.host, link, clock, lockstep)
         self._ports = [valve.port for valve in platform.valves]
-        self._session = self.traffic = Session(link, len(platform.ports))
+        self._session = self.traffic = BoardSession(link, len(platform.ports))
         # The applied set point may differ by one count of the DAC.
         self._tolerance_pa = np.array([1.0 + platform.resolution_pa(port) for port in self._ports])
         self._boot: int | None = None

@@ -7,18 +7,18 @@ from collections.abc import Callable, Iterator
 from soro_hardware.board import frames, texts
 from soro_hardware.board.config import BoardPlatform
 from soro_hardware.board.messages import Cause
-from soro_hardware.board.session import Session
+from soro_hardware.board.session import BoardSession
 from soro_hardware.finding import Finding, run_check
 
 
-def examine(platform: BoardPlatform, session: Session, clock: Callable[[], float]) -> Iterator[Finding]:
+def examine(platform: BoardPlatform, session: BoardSession, clock: Callable[[], float]) -> Iterator[Finding]:
     """Send HELLO to the board, read its answer, and disconnect; yields findings.
 
     Parameters
     ----------
     platform : BoardPlatform
         Ports, range and times.
-    session : Session
+    session : BoardSession
         Frames of the driver.
     clock : callable
         Returns a monotonic time [s].
@@ -27,7 +27,7 @@ def examine(platform: BoardPlatform, session: Session, clock: Callable[[], float
     return run_check("board", advice, _greet(platform, session, clock), session.link.close)
 
 
-def _greet(platform: BoardPlatform, session: Session, clock: Callable[[], float]) -> Iterator[Finding]:
+def _greet(platform: BoardPlatform, session: BoardSession, clock: Callable[[], float]) -> Iterator[Finding]:
     session.link.open()
     session.greet()
     deadline = clock() + platform.host.start_timeout_s

@@ -11,7 +11,7 @@ from soro_hardware.board.messages import Refusal, StateMessage, Welcome
 from soro_hardware.transport.tcp import ByteLink, drain
 
 
-class Session:
+class BoardSession:
     """Frames of one driver; every failure of the connection is a `HardwareError` of the link.
 
     Parameters

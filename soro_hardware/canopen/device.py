@@ -19,9 +19,9 @@ from soro_hardware.canopen.cia408 import (
     TPDO_MAPPING,
 )
 from soro_hardware.canopen.config import CanopenPlatform
-from soro_hardware.canopen.eds import Entry, Key, read_eds
+from soro_hardware.canopen.eds import Key, ObjectEntry, read_eds
 from soro_hardware.canopen.frames import RPDO_BASES, TPDO_BASES
-from soro_hardware.canopen.mapping import DeviceMapping, ObjectAddress, PdoMapping, Setting, slot
+from soro_hardware.canopen.mapping import DeviceMapping, ObjectAddress, ObjectValue, PdoMapping, slot
 from soro_hardware.canopen.pdo import Mapped, PdoLayout
 
 _DEADLINE = 5  # sub-object of an RPDO's communication record
@@ -43,7 +43,7 @@ class Object:
 
 
 @dataclass(frozen=True)
-class Slot:
+class PdoEntry:
     """One entry of a PDO; `kind` as in `mapping.slot`."""
 
     kind: str
@@ -56,7 +56,7 @@ class Pdo:
     """One PDO of the device; all nodes have the same."""
 
     number: int
-    slots: tuple[Slot, ...]
+    slots: tuple[PdoEntry, ...]
     layout: PdoLayout
     event: bool
     fixed: bool
@@ -92,7 +92,7 @@ class Device:
     """One kind of device: its mapping, and objects and PDOs from its EDS."""
 
     mapping: DeviceMapping
-    entries: dict[Key, Entry]
+    entries: dict[Key, ObjectEntry]
     rpdos: tuple[Pdo, ...]
     tpdos: tuple[Pdo, ...]
 
@@ -208,8 +208,8 @@ def check_sync_period(platform: CanopenPlatform) -> None:
 
 
 def _check(
-    mapping: DeviceMapping, entries: dict[Key, Entry], key: str, address: ObjectAddress, writable: bool
-) -> Entry:
+    mapping: DeviceMapping, entries: dict[Key, ObjectEntry], key: str, address: ObjectAddress, writable: bool
+) -> ObjectEntry:
     entry = entries.get((address.index, address.sub))
     if entry is None or not (entry.writable if writable else entry.readable):
         what = f"{address.index:04X}:{address.sub}"
@@ -218,7 +218,7 @@ def _check(
     return entry
 
 
-def _pdo(mapping: DeviceMapping, entries: dict[Key, Entry], given: PdoMapping, receive: bool) -> Pdo:
+def _pdo(mapping: DeviceMapping, entries: dict[Key, ObjectEntry], given: PdoMapping, receive: bool) -> Pdo:
     key = f"{'rpdos' if receive else 'tpdos'}[number {given.number}]"
     objects, slots = [], []
     for item in given.entries:
@@ -230,8 +230,8 @@ def _pdo(mapping: DeviceMapping, entries: dict[Key, Entry], given: PdoMapping, r
             allowed = f"an object that {mapping.eds_path.name} has as mappable"
             raise ConfigError("canopen.mapping", key, f"{address.index:04X}:{address.sub}", allowed)
         objects.append(Mapped(address.index, address.sub, entry.bits, entry.is_signed))
-        value = item.value if isinstance(item, Setting) else 0
-        slots.append(Slot(kind, channel, value))
+        value = item.value if isinstance(item, ObjectValue) else 0
+        slots.append(PdoEntry(kind, channel, value))
     layout = PdoLayout(tuple(objects))
     pdo = Pdo(given.number, tuple(slots), layout, given.transmission == "event", given.fixed, receive)
     if layout.length > 8:

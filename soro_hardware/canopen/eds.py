@@ -46,7 +46,7 @@ _NODE = re.compile(r"\+?\$NODEID\+?")
 
 
 @dataclass(frozen=True)
-class Entry:
+class ObjectEntry:
     """One object of an EDS."""
 
     bits: int
@@ -60,7 +60,7 @@ class Entry:
 
 
 @functools.cache
-def read_eds(path: Path, node: int) -> dict[Key, Entry]:
+def read_eds(path: Path, node: int) -> dict[Key, ObjectEntry]:
     """Return the entries of an EDS file by index and sub-index, for one node id.
 
     Raises
@@ -69,7 +69,7 @@ def read_eds(path: Path, node: int) -> dict[Key, Entry]:
         If the file is no EDS; where a section or a value cannot be read, with its section and key.
     """
     sections = _sections(path)
-    found: dict[Key, Entry] = {}
+    found: dict[Key, ObjectEntry] = {}
     for section in sections.values():
         match = _OBJECT.fullmatch(section.name.upper())
         if match is None:
@@ -173,7 +173,7 @@ def _check(section: _Section) -> None:
 
 def _entries(
     section: _Section, index: str, sub: str | None, sections: Mapping[str, _Section], node: int
-) -> Iterator[tuple[Key, Entry | None]]:
+) -> Iterator[tuple[Key, ObjectEntry | None]]:
     """Yield the objects of a section; None for one whose type carries no value of a regulator."""
     at = int(index, 16)
     if sub is not None:
@@ -189,12 +189,12 @@ def _entries(
     if kind in (_DOMAIN, _VARIABLE):
         yield (at, 0), _entry(section, sections, node)
     elif compact:
-        yield (at, 0), Entry(8, False, True, False, False, None, None, compact)
+        yield (at, 0), ObjectEntry(8, False, True, False, False, None, None, compact)
         for k in range(1, compact + 1):
             yield (at, k), _entry(section, sections, node)
 
 
-def _entry(section: _Section, sections: Mapping[str, _Section], node: int) -> Entry | None:
+def _entry(section: _Section, sections: Mapping[str, _Section], node: int) -> ObjectEntry | None:
     kind = section.number("DataType")
     if kind > _LARGEST_TYPE and f"{kind:X}SUB1" in sections:  # a range, as CANFestival writes it
         kind = sections[f"{kind:X}SUB1"].number("DefaultValue")
@@ -208,7 +208,7 @@ def _entry(section: _Section, sections: Mapping[str, _Section], node: int) -> En
     low, high, default = (
         section.value(key, bits, is_signed, node) for key in ("LowLimit", "HighLimit", "DefaultValue")
     )
-    return Entry(
+    return ObjectEntry(
         bits, is_signed, access != "wo", access in _WRITABLE, mappable, low, high, default=default or 0
     )
 

@@ -28,13 +28,13 @@ class ObjectAddress(Strict):
     sub: int = Field(0, ge=0, le=254)
 
 
-class Setting(ObjectAddress):
+class ObjectValue(ObjectAddress):
     """A value that is written at start-up, or that fills a place in an RPDO."""
 
     value: int
 
 
-Entry: TypeAlias = str | Setting | ObjectAddress
+Entry: TypeAlias = str | ObjectValue | ObjectAddress
 
 
 class PdoMapping(Strict):
@@ -131,7 +131,7 @@ class DeviceMapping(Strict):
     temperature: TemperatureObject | None = Field(
         None, description="temperature of the node, watched if a TPDO has it"
     )
-    settings: Annotated[tuple[Setting, ...], Field(strict=False)] = Field(
+    settings: Annotated[tuple[ObjectValue, ...], Field(strict=False)] = Field(
         (), description="objects that the driver writes at start-up to every channel with another value"
     )
     rpdos: Annotated[tuple[PdoMapping, ...], Field(strict=False, min_length=1)]
@@ -207,7 +207,7 @@ class DeviceMapping(Strict):
 def slot(entry: Entry) -> tuple[str, int]:
     """Return kind and channel of a PDO entry; ``constant`` is a fixed value, ``other`` an ignored object."""
     if isinstance(entry, ObjectAddress):
-        return ("constant" if isinstance(entry, Setting) else "other"), 0
+        return ("constant" if isinstance(entry, ObjectValue) else "other"), 0
     match = _ENTRY.fullmatch(entry)
     assert match is not None, "checked with the mapping"
     return match[1] or match[3], int(match[2] or 0)

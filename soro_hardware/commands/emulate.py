@@ -65,9 +65,9 @@ def emulate(
 
     described = load_platform(platform)
     faults = [read_injection(text, "--fault") for text in fault or ()]
-    with timing.punctual(0 if lockstep else priority) as trouble:
-        if trouble:
-            typer.echo(f"soro emulate: no real-time priority ({trouble}): see docs/real_time.md", err=True)
+    with timing.punctual(0 if lockstep else priority) as failure:
+        if failure:
+            typer.echo(f"soro emulate: no real-time priority ({failure}): see docs/real_time.md", err=True)
         serve(
             described if cycle_hz is None else described.at_rate(cycle_hz),
             clock=time.monotonic_ns,

@@ -1,7 +1,8 @@
 """Chamber pressures of the emulated valves, one for each valve.
 
 By default each pressure follows the set point of its valve with a lag. A twin that models the air of its
-chambers computes the pressures instead, from the actions of the valves (`Air.connect_plant`, ADR 0001).
+chambers computes the pressures instead, from the actions of the valves (ADR 0001), see
+`EmulatedPressures.connect_plant`.
 """
 
 from __future__ import annotations
@@ -29,10 +30,10 @@ from soro_hardware.emulation.faults.air_faults import (
     faulty_reading,
     faulty_target,
 )
-from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.schedule import FaultSchedule
 
 
-class Air:
+class EmulatedPressures:
     """Chamber pressures of all valves of a platform.
 
     Parameters
@@ -43,7 +44,7 @@ class Air:
         One for each valve; returns its present set point [Pa gauge], or None while it vents (fail-safe).
     rng : numpy Generator
         Noise of the readings.
-    faults : Faults, optional
+    faults : FaultSchedule, optional
         Faults of valves, lines, chambers and sensors.
     """
 
@@ -52,10 +53,10 @@ class Air:
         model: RegulatorModel,
         demands: Sequence[Callable[[], float | None]],
         rng: np.random.Generator,
-        faults: Faults | None = None,
+        faults: FaultSchedule | None = None,
     ) -> None:
         self._model, self._demands, self._rng = model, demands, rng
-        self.faults = faults or Faults()
+        self.faults = faults or FaultSchedule()
         self._state = initial_state(model, len(demands))
         self._now_ns = 0
         self._reading_ns = -1

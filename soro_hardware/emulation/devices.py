@@ -10,10 +10,10 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.pneumatics.valve_condition import ValveAction
-from soro_hardware.emulation.air import Air
+from soro_hardware.emulation.air import EmulatedPressures
 from soro_hardware.emulation.faults.fault_types import OF_THE_AIR, Injection
 from soro_hardware.emulation.faults.line_faults import ON_BYTES, LineFaults
-from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.schedule import FaultSchedule
 from soro_hardware.emulation.line import Line
 from soro_hardware.platform import PlatformBase
 
@@ -39,7 +39,7 @@ class EmulatedDevices(ABC):
     ----------
     transport : str
         Transport of `lines`: pseudo-terminals, or TCP on this machine.
-    air : Air
+    air : EmulatedPressures
         Chamber pressures; `connect_air` makes it.
     line_faults : frozenset of str
         Faults that act on the bytes of a line.
@@ -53,22 +53,22 @@ class EmulatedDevices(ABC):
         Number of steps of the air.
     on_tick : callable
         Called after each step of the air with time [ns], true pressures (n,) [Pa gauge] and valve action.
-    faults : Faults
+    faults : FaultSchedule
         Faults of the devices; `on_fault` adds those of the family.
     """
 
     transport: ClassVar[Literal["pty", "tcp"]] = "pty"
     line_faults: ClassVar[frozenset[str]] = ON_BYTES
-    air: Air
+    air: EmulatedPressures
 
     def __init__(self, platform: PlatformBase, lockstep: bool, seed: int = 0) -> None:
         self.lockstep, self.period_ns = lockstep, round(1e9 / platform.cycle_hz)
         self.lines: tuple[Line, ...] = ()
         self.now_ns = self.ticks = 0
         self.on_tick: Callable[[int, Array, ValveAction], None] = lambda time_ns, pressures, action: None
-        self.faults = Faults(seed, OF_THE_AIR | ON_BYTES | {"adapter_unplug"})
+        self.faults = FaultSchedule(seed, OF_THE_AIR | ON_BYTES | {"adapter_unplug"})
         self.faults.on_start["set_by_another"] = self._set_by_another
-        self._model, self._chambers, self._seed = platform.emulation.regulator, platform.chamber_names, seed
+        self._model, self._chambers, self._seed = platform.regulator, platform.chamber_names, seed
         self._step_ns = self._next_step_ns = round(platform.emulation.step_s * 1e9)
         self._on_lines: list[LineFaults] = []
 
@@ -92,7 +92,7 @@ class EmulatedDevices(ABC):
         self.places = list(range(len(demands)) if places is None else places)
         named = dict(zip(self.places, self._chambers, strict=True))
         self.faults.chambers = tuple(named.get(place, "") for place in range(len(demands)))
-        self.air = Air(self._model, demands, np.random.default_rng(self._seed), self.faults)
+        self.air = EmulatedPressures(self._model, demands, np.random.default_rng(self._seed), self.faults)
 
     def on_fault(
         self, fault: str, begin: Callable[[int], None], end: Callable[[int], None] = lambda place: None
@@ -120,7 +120,7 @@ class EmulatedDevices(ABC):
         return self.air.pressure_pa[self.places]
 
     def connect_plant(self, plant_pa: Callable[[], Array | None]) -> None:
-        """Let a plant compute the chamber pressures; see `Air.connect_plant`."""
+        """Let a plant compute the chamber pressures; see `EmulatedPressures.connect_plant`."""
         self.air.connect_plant(plant_pa, self.places)
 
     @property

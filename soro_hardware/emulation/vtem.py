@@ -39,7 +39,7 @@ from soro_hardware.vtem.registers import (
     SLOTS,
     WORDS,
     SlotState,
-    Status,
+    SlotStatus,
     command,
     pressure_of,
     word_of,
@@ -49,7 +49,7 @@ _TEACH = 60  # the motion apps have smaller numbers
 _ILLEGAL_FUNCTION, _ILLEGAL_ADDRESS, _ILLEGAL_VALUE = 1, 2, 3
 
 
-class Slot:
+class EmulatedSlot:
     """One slot: its state and its two valves.
 
     Parameters
@@ -71,7 +71,7 @@ class Slot:
     ) -> None:
         self.outputs, self._wake, self._air = list(wake), wake, air
         self._boot_ns, self._start_ns = round(boot_s * 1e9), round(start_s * 1e9)
-        self.status = Status(END_APP, SlotState.NOT_READY)
+        self.status = SlotStatus(END_APP, SlotState.NOT_READY)
         self.is_failing = self._is_to_acknowledge = False
         self._kept_pa = (0.0, 0.0)
         self._ready_ns = self._boot_ns
@@ -100,7 +100,7 @@ class Slot:
             if self._running_ns is None:
                 self._running_ns = now_ns + self._start_ns
             if now_ns >= self._running_ns:
-                self.status = Status(app, SlotState.RUNNING)
+                self.status = SlotStatus(app, SlotState.RUNNING)
         elif state is SlotState.READY:
             self._running_ns = None
         elif state is SlotState.RUNNING and app != self.status.app:
@@ -115,7 +115,7 @@ class Slot:
     def _rest(self, state: SlotState) -> None:
         if self.status.regulates:
             self._kept_pa = self._air()
-        self.status, self._running_ns = Status(END_APP, state), None
+        self.status, self._running_ns = SlotStatus(END_APP, state), None
 
 
 class EmulatedTerminal(ServedDevices):
@@ -126,7 +126,7 @@ class EmulatedTerminal(ServedDevices):
 
     Attributes
     ----------
-    slots : list of Slot
+    slots : list of EmulatedSlot
         All eight slots, used or not.
     frames : ModbusDecoder
         Decoder of the host's messages.
@@ -137,7 +137,9 @@ class EmulatedTerminal(ServedDevices):
         super().__init__(platform, lockstep, seed)
         self._registers, self._answer_ns = platform.registers, round(emulation.answer_s * 1e9)
         self.slots = [
-            Slot(self._air_of(n), emulation.boot_s, emulation.app_start_s, _outputs_of(emulation.wake_pa))
+            EmulatedSlot(
+                self._air_of(n), emulation.boot_s, emulation.app_start_s, _outputs_of(emulation.wake_pa)
+            )
             for n in range(SLOTS)
         ]
         demands = [self._demand(slot, valve) for slot in self.slots for valve in (0, 1)]
@@ -263,7 +265,7 @@ class EmulatedTerminal(ServedDevices):
 
         return pressures
 
-    def _demand(self, slot: Slot, valve: int) -> Callable[[], float]:
+    def _demand(self, slot: EmulatedSlot, valve: int) -> Callable[[], float]:
         return lambda: slot.demand_pa(valve)
 
 

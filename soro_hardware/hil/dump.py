@@ -11,7 +11,7 @@ from soro_core import safety
 from soro_core.config import Strict, with_changes
 from soro_core.errors import ConfigError, HardwareError
 from soro_hardware.finding import Finding, Level
-from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
+from soro_hardware.hil.paced import CycleSample, PacedRegulator, small_limits
 from soro_hardware.platform import PlatformBase
 from soro_hardware.port import EMPTY_PA
 
@@ -112,7 +112,7 @@ def _proved(
         for _ in range(max(round(limit_s / regulator.period_s), 1)):
             if stopped():
                 regulator.vent("interrupted")
-            sample: Sample = regulator.cycle(wanted)
+            sample: CycleSample = regulator.cycle(wanted)
             if sample.cause is not None:
                 raise HardwareError(sample.cause, code="vented")
             if sample.fresh[chamber]:

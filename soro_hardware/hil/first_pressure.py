@@ -15,8 +15,8 @@ from soro_core.arrays import Array
 from soro_hardware.finding import Finding
 from soro_hardware.hil import measured
 from soro_hardware.hil.judge import judge_holds, judge_rest, judge_trip, judge_vent
-from soro_hardware.hil.paced import Sample
-from soro_hardware.hil.plan import NOT_EXAMINED, Order, Plan, ProcedureState
+from soro_hardware.hil.paced import CycleSample
+from soro_hardware.hil.plan import NOT_EXAMINED, HilPlan, Order, ProcedureState
 
 # A chamber counts as empty below this pressure [Pa], or below this part of the pressure before the vent.
 EMPTY_PA, EMPTY_PART = 1e3, 0.1
@@ -27,17 +27,17 @@ INTERRUPTED = "interrupted"
 
 
 def advance(
-    plan: Plan, state: ProcedureState, sample: Sample, answer: str | None = None
+    plan: HilPlan, state: ProcedureState, sample: CycleSample, answer: str | None = None
 ) -> tuple[ProcedureState, Order]:
     """Return state and order after one sample.
 
     Parameters
     ----------
-    plan : Plan
+    plan : HilPlan
         Steps and expectations.
     state : ProcedureState
         State after the last sample.
-    sample : Sample
+    sample : CycleSample
         Sample of the last cycle.
     answer : str or None
         The operator's answer to the open question, if any.
@@ -56,12 +56,12 @@ def advance(
     return _PHASES[state.phase](plan, state, answer)
 
 
-def interrupted(plan: Plan, state: ProcedureState, why: str = INTERRUPTED) -> ProcedureState:
+def interrupted(plan: HilPlan, state: ProcedureState, why: str = INTERRUPTED) -> ProcedureState:
     """Return the state after the end of a procedure that was interrupted; the caller has vented.
 
     Parameters
     ----------
-    plan : Plan
+    plan : HilPlan
         Steps and expectations.
     state : ProcedureState
         State after the last sample.
@@ -76,7 +76,7 @@ def interrupted(plan: Plan, state: ProcedureState, why: str = INTERRUPTED) -> Pr
     return _over(plan, state, why, "start again")
 
 
-def _rest(plan: Plan, state: ProcedureState, _: str | None) -> tuple[ProcedureState, Order]:
+def _rest(plan: HilPlan, state: ProcedureState, _: str | None) -> tuple[ProcedureState, Order]:
     if _elapsed(state) < plan.config.rest_s or not _all_fresh(state):
         return state, _zeros(plan)
     at_rest = measured.rest(state.samples)
@@ -87,7 +87,7 @@ def _rest(plan: Plan, state: ProcedureState, _: str | None) -> tuple[ProcedureSt
     return _begin(plan, state, 0, reset=False)
 
 
-def _confirm(plan: Plan, state: ProcedureState, answer: str | None) -> tuple[ProcedureState, Order]:
+def _confirm(plan: HilPlan, state: ProcedureState, answer: str | None) -> tuple[ProcedureState, Order]:
     word = (answer or "").strip().lower()
     if word in YES or not plan.confirm:
         return replace(state, phase="settle", samples=state.samples[-1:], asks=False), _zeros(plan)
@@ -99,14 +99,14 @@ def _confirm(plan: Plan, state: ProcedureState, answer: str | None) -> tuple[Pro
     return replace(state, samples=state.samples[-1:]), _zeros(plan)
 
 
-def _settle(plan: Plan, state: ProcedureState, _: str | None) -> tuple[ProcedureState, Order]:
+def _settle(plan: HilPlan, state: ProcedureState, _: str | None) -> tuple[ProcedureState, Order]:
     """Measure the rest just before a chamber: valves keep their play, and arms creep."""
     if _elapsed(state) < PAUSE_S or not _all_fresh(state):
         return state, _zeros(plan)
     return _hold_next(plan, replace(state, before=measured.rest(state.samples)), 0)
 
 
-def _hold(plan: Plan, state: ProcedureState, _: str | None) -> tuple[ProcedureState, Order]:
+def _hold(plan: HilPlan, state: ProcedureState, _: str | None) -> tuple[ProcedureState, Order]:
     setpoint = plan.config.steps_pa[state.step]
     before = plan.config.steps_pa[state.step - 1] if state.step else 0.0
     ramp_s = (setpoint - before) / plan.config.rise_pa_s
@@ -126,7 +126,7 @@ def _hold(plan: Plan, state: ProcedureState, _: str | None) -> tuple[ProcedureSt
     return _vent_now(plan, state)
 
 
-def _direction(plan: Plan, state: ProcedureState, answer: str | None) -> tuple[ProcedureState, Order]:
+def _direction(plan: HilPlan, state: ProcedureState, answer: str | None) -> tuple[ProcedureState, Order]:
     word = (answer or "").strip().lower()
     if word not in YES + NO:
         return replace(state, samples=state.samples[-1:]), _at(plan, state)
@@ -139,7 +139,7 @@ def _direction(plan: Plan, state: ProcedureState, answer: str | None) -> tuple[P
     return _vent_now(plan, replace(state, answer=finding))
 
 
-def _vent(plan: Plan, state: ProcedureState, _: str | None) -> tuple[ProcedureState, Order]:
+def _vent(plan: HilPlan, state: ProcedureState, _: str | None) -> tuple[ProcedureState, Order]:
     at_rest = state.before or state.rest
     assert at_rest is not None
     first = state.samples[0].reading_pa - at_rest.mean_pa
@@ -168,7 +168,7 @@ _PHASES = {
 }
 
 
-def _next_chamber(plan: Plan, state: ProcedureState, reset: bool) -> tuple[ProcedureState, Order]:
+def _next_chamber(plan: HilPlan, state: ProcedureState, reset: bool) -> tuple[ProcedureState, Order]:
     if state.chamber + 1 < len(plan.expected.names):
         return _begin(plan, state, state.chamber + 1, reset)
     return replace(_left_out(state), phase="done", samples=()), _zeros(plan)
@@ -184,7 +184,7 @@ def _left_out(state: ProcedureState) -> ProcedureState:
     return replace(state, findings=(*state.findings, finding))
 
 
-def _begin(plan: Plan, state: ProcedureState, chamber: int, reset: bool) -> tuple[ProcedureState, Order]:
+def _begin(plan: HilPlan, state: ProcedureState, chamber: int, reset: bool) -> tuple[ProcedureState, Order]:
     state = replace(state, phase="confirm", chamber=chamber, samples=(), before=None, answer=None)
     state = replace(state, asks=plan.confirm)
     question = f"pressurise {plan.expected.names[chamber]} up to {plan.config.steps_pa[-1] / 1e3:g} kPa"
@@ -192,18 +192,18 @@ def _begin(plan: Plan, state: ProcedureState, chamber: int, reset: bool) -> tupl
     return state, replace(_zeros(plan), do="reset" if reset else "hold", question=question)
 
 
-def _hold_next(plan: Plan, state: ProcedureState, step: int) -> tuple[ProcedureState, Order]:
+def _hold_next(plan: HilPlan, state: ProcedureState, step: int) -> tuple[ProcedureState, Order]:
     state = replace(state, phase="hold", step=step, samples=state.samples[-1:])
     return state, _at(plan, state)
 
 
-def _vent_now(plan: Plan, state: ProcedureState) -> tuple[ProcedureState, Order]:
+def _vent_now(plan: HilPlan, state: ProcedureState) -> tuple[ProcedureState, Order]:
     return replace(state, phase="vent", samples=state.samples[-1:], asks=False), replace(
         _zeros(plan), do="vent"
     )
 
 
-def _tripped(plan: Plan, state: ProcedureState, cause: str) -> tuple[ProcedureState, Order]:
+def _tripped(plan: HilPlan, state: ProcedureState, cause: str) -> tuple[ProcedureState, Order]:
     """Add the findings so far and the trip; then vent."""
     if state.rest is None:
         found = (*judge_rest(plan.expected.names, measured.rest(state.samples)), judge_trip("at rest", cause))
@@ -214,7 +214,7 @@ def _tripped(plan: Plan, state: ProcedureState, cause: str) -> tuple[ProcedureSt
 
 
 def _over(
-    plan: Plan, state: ProcedureState, why: str, advice: str = "repair it, then start again"
+    plan: HilPlan, state: ProcedureState, why: str, advice: str = "repair it, then start again"
 ) -> ProcedureState:
     seen = {hold.chamber for hold in state.holds} | (
         {state.chamber} if state.tripped and state.rest else set()
@@ -228,7 +228,7 @@ def _over(
     return replace(_left_out(state), phase="done", samples=())
 
 
-def _of_chamber(plan: Plan, state: ProcedureState) -> list[Finding]:
+def _of_chamber(plan: HilPlan, state: ProcedureState) -> list[Finding]:
     """Return the findings of the present chamber."""
     if state.phase == "done":
         return []
@@ -236,7 +236,7 @@ def _of_chamber(plan: Plan, state: ProcedureState) -> list[Finding]:
     return [*found, *([state.answer] if state.answer else [])]
 
 
-def _which_way(plan: Plan, state: ProcedureState) -> str:
+def _which_way(plan: HilPlan, state: ProcedureState) -> str:
     return f"has the tip moved towards {plan.directions[state.chamber]}? [y/n]"
 
 
@@ -258,11 +258,11 @@ def _all_fresh(state: ProcedureState) -> bool:
     return bool(np.any([sample.fresh for sample in state.samples], axis=0).all())
 
 
-def _zeros(plan: Plan) -> Order:
+def _zeros(plan: HilPlan) -> Order:
     return Order(np.zeros(len(plan.expected.names)))
 
 
-def _at(plan: Plan, state: ProcedureState) -> Order:
+def _at(plan: HilPlan, state: ProcedureState) -> Order:
     setpoint = np.zeros(len(plan.expected.names))
     setpoint[state.chamber] = plan.config.steps_pa[state.step]
     return Order(setpoint)

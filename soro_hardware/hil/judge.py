@@ -12,7 +12,7 @@ from soro_core.arrays import Array
 from soro_core.pneumatics.regulator import RegulatorModel, initial_state, step, vent_time
 from soro_hardware.doctor import check_offsets
 from soro_hardware.finding import Finding
-from soro_hardware.hil.measured import Hold, Rest, Vent
+from soro_hardware.hil.measured import PressureHold, RestReadings, Vent
 
 # Largest error of a level: absolute [Pa], plus a part of the set point.
 LEVEL_PA, LEVEL_PART = 500.0, 0.05
@@ -95,7 +95,7 @@ class Expectation:
         return self.response.delay_s + self.response.tau_s + 0.63 * ramp + 3 * self.update_s
 
 
-def judge_rest(names: tuple[str, ...], rest: Rest) -> list[Finding]:
+def judge_rest(names: tuple[str, ...], rest: RestReadings) -> list[Finding]:
     """Return the findings of the readings at rest."""
     return check_offsets(names, rest.mean_pa, rest.noise_pa)
 
@@ -106,7 +106,7 @@ def judge_trip(where: str, cause: str) -> Finding:
     return Finding(f"{where}: limiter", "fail", f"vented: {cause}", advice)
 
 
-def judge_holds(expected: Expectation, holds: Sequence[Hold]) -> list[Finding]:
+def judge_holds(expected: Expectation, holds: Sequence[PressureHold]) -> list[Finding]:
     """Return the findings of the steps of one chamber so far; a failure omits findings that depend on it."""
     if not holds:
         return []
@@ -138,7 +138,7 @@ def judge_vent(expected: Expectation, vent: Vent) -> Finding:
     return Finding(name, "ok", found)
 
 
-def _follows(expected: Expectation, holds: Sequence[Hold]) -> Finding:
+def _follows(expected: Expectation, holds: Sequence[PressureHold]) -> Finding:
     """Return whether the reading of the commanded chamber rises with the set point."""
     last = holds[-1]
     k, name = last.chamber, f"{expected.names[last.chamber]}: rises"
@@ -164,17 +164,17 @@ def _follows(expected: Expectation, holds: Sequence[Hold]) -> Finding:
     )
 
 
-def _speed(expected: Expectation, holds: Sequence[Hold]) -> Finding:
+def _speed(expected: Expectation, holds: Sequence[PressureHold]) -> Finding:
     """Return the finding of the slowest step, relative to its expected time to 63 %."""
     name = f"{expected.names[holds[0].chamber]}: speed"
     before, slowest = 0.0, (0.0, 0.0, 0.0, 0.0)
     for hold in holds:
         usual = expected.rise_s(hold.setpoint_pa - before)
-        begun, before = before, hold.setpoint_pa
+        from_pa, before = before, hold.setpoint_pa
         took = math.inf if math.isnan(hold.t63_s) else hold.t63_s
-        slowest = max(slowest, (took / usual, took, usual, begun))
-    ratio, took, usual, begun = slowest
-    found = f"63 % of the step from {begun / 1e3:g} kPa after {took * 1e3:.0f} ms"
+        slowest = max(slowest, (took / usual, took, usual, from_pa))
+    ratio, took, usual, from_pa = slowest
+    found = f"63 % of the step from {from_pa / 1e3:g} kPa after {took * 1e3:.0f} ms"
     found += f", expected {usual * 1e3:.0f} ms"
     last = holds[-1]
     rising = _drifts(last) and last.drift_pa_s > 0 and last.level_pa[last.chamber] < last.setpoint_pa
@@ -185,7 +185,7 @@ def _speed(expected: Expectation, holds: Sequence[Hold]) -> Finding:
     return Finding(name, "ok", found)
 
 
-def _level(expected: Expectation, holds: Sequence[Hold]) -> Finding:
+def _level(expected: Expectation, holds: Sequence[PressureHold]) -> Finding:
     """Return the finding of the level of the last step, relative to the level that the model expects."""
     last = holds[-1]
     name = f"{expected.names[last.chamber]}: level"
@@ -203,7 +203,7 @@ def _level(expected: Expectation, holds: Sequence[Hold]) -> Finding:
     return Finding(name, "fail", f"high: {found}", "the scale of reading or set point, or the valve's gain")
 
 
-def _drift(expected: Expectation, holds: Sequence[Hold]) -> Finding:
+def _drift(expected: Expectation, holds: Sequence[PressureHold]) -> Finding:
     """Return the finding of the drift of readings at a constant set point."""
     worst = max(holds, key=lambda hold: abs(hold.drift_pa_s))
     name = f"{expected.names[worst.chamber]}: leak"
@@ -215,11 +215,11 @@ def _drift(expected: Expectation, holds: Sequence[Hold]) -> Finding:
     return Finding(name, "fail", f"creeps up: {found}", "the valve lets air pass, or it has not settled")
 
 
-def _drifts(hold: Hold) -> bool:
+def _drifts(hold: PressureHold) -> bool:
     return abs(hold.drift_pa_s) > max(DRIFT_PA_S, DRIFT_ERRORS * hold.drift_error_pa_s)
 
 
-def _others(expected: Expectation, holds: Sequence[Hold]) -> Finding:
+def _others(expected: Expectation, holds: Sequence[PressureHold]) -> Finding:
     """Return the finding of the readings of the other chambers."""
     k = holds[0].chamber
     name = f"{expected.names[k]}: others"
@@ -234,7 +234,7 @@ def _others(expected: Expectation, holds: Sequence[Hold]) -> Finding:
     return Finding(name, "ok", f"at most: {found}")
 
 
-def _bends(expected: Expectation, bending: Bending, holds: Sequence[Hold]) -> Finding:
+def _bends(expected: Expectation, bending: Bending, holds: Sequence[PressureHold]) -> Finding:
     """Return whether the arm bends as its model; if not, the chamber whose motion it shows."""
     last, k = holds[-1], holds[-1].chamber
     name = f"{expected.names[k]}: bends"

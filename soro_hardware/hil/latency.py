@@ -21,7 +21,7 @@ from soro_core.pneumatics.lag import follow
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_hardware.finding import Finding
 from soro_hardware.hil.measured import T63
-from soro_hardware.hil.paced import Sample
+from soro_hardware.hil.paced import CycleSample
 
 # A reading has moved if it is beyond so many standard deviations of its noise, twice in a row.
 NOISE_STD = 4.0
@@ -97,7 +97,7 @@ class Latency:
 
 
 def evaluate(
-    config: LatencyConfig, names: Sequence[str], cycle_hz: float, runs: Sequence[Sequence[Sample]]
+    config: LatencyConfig, names: Sequence[str], cycle_hz: float, runs: Sequence[Sequence[CycleSample]]
 ) -> Latency:
     """Return the latencies from all steps.
 
@@ -109,7 +109,7 @@ def evaluate(
         Names of the chambers.
     cycle_hz : float
         Rate of the cycle [Hz].
-    runs : sequence of sequence of Sample
+    runs : sequence of sequence of CycleSample
         Samples of each chamber.
 
     Returns
@@ -149,14 +149,16 @@ def compare(latency: Latency, response: RegulatorModel, update_hz: float) -> lis
         off = abs(chamber.lag_s - response.tau_s) > LAG_PART * response.tau_s
         # Set points and readings may each wait for an exchange on the bus.
         off |= not -DEAD_S < chamber.dead_s - response.delay_s < DEAD_S + 2 * period_s
-        advice = "put delay_s and tau_s into emulation.regulator of the platform: the monitors use them"
+        advice = "put delay_s and tau_s under regulator in the platform file: the monitors use them"
         text = f"{found}; platform: {known}"
         name = f"{chamber.name}: response"
         findings.append(Finding(name, "warn", text, advice) if off else Finding(name, "ok", text))
     return findings
 
 
-def _chamber(config: LatencyConfig, name: str, chamber: int, samples: Sequence[Sample]) -> ChamberLatency:
+def _chamber(
+    config: LatencyConfig, name: str, chamber: int, samples: Sequence[CycleSample]
+) -> ChamberLatency:
     t = np.array([sample.t_s for sample in samples])
     in_hand = t + np.array([sample.took_s for sample in samples])
     wanted = np.array([sample.wanted_pa[chamber] for sample in samples])

@@ -9,7 +9,7 @@ import numpy as np
 from soro_core import safety
 from soro_core.errors import ConfigError, HardwareError
 from soro_hardware.hil.latency import LatencyConfig
-from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
+from soro_hardware.hil.paced import CycleSample, PacedRegulator, small_limits
 from soro_hardware.platform import PlatformBase
 
 # Steepest slew of the limiter, the largest step of a cycle.
@@ -37,7 +37,7 @@ def latency_limits(platform: PlatformBase, config: LatencyConfig) -> safety.Limi
 
 def measure(
     config: LatencyConfig, regulator: PacedRegulator, stopped: Callable[[], bool] = lambda: False
-) -> list[list[Sample]]:
+) -> list[list[CycleSample]]:
     """Command the steps and record samples.
 
     Parameters
@@ -63,7 +63,7 @@ def measure(
     cycles = max(round(config.hold_s / regulator.period_s), 1)
     found = []
     for chamber in range(n):
-        samples: list[Sample] = []
+        samples: list[CycleSample] = []
         # The first steps come from above, so that valves with play start all steps up from the same state.
         high = config.low_pa + config.step_pa
         for level in (high, high, *(config.low_pa, high) * config.repeat, config.low_pa, 0.0):

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_hardware.hil.paced import Sample
+from soro_hardware.hil.paced import CycleSample
 
 # Last part of a phase for means, and for drifts.
 SETTLED_PART, DRIFT_PART = 1 / 3, 1 / 2
@@ -16,7 +16,7 @@ T63 = 1.0 - np.exp(-1.0)
 
 
 @dataclass(frozen=True)
-class Rest:
+class RestReadings:
     """Readings at rest: mean and standard deviation (n,) [Pa gauge], and position of the tip (3,) [m]."""
 
     mean_pa: Array
@@ -25,7 +25,7 @@ class Rest:
 
 
 @dataclass(frozen=True)
-class Hold:
+class PressureHold:
     """One chamber held at one set point.
 
     Attributes
@@ -78,32 +78,34 @@ class Vent:
     took_s: float
 
 
-def rest(samples: Sequence[Sample]) -> Rest:
+def rest(samples: Sequence[CycleSample]) -> RestReadings:
     """Return mean and noise of the fresh readings of a phase, and the mean position of the tip."""
     readings, fresh = _readings(samples)
     columns = [readings[fresh[:, k], k] for k in range(readings.shape[1])]
     mean = np.array([column.mean() if column.size else np.nan for column in columns])
     noise = np.array([column.std() if column.size else np.nan for column in columns])
-    return Rest(mean, noise, _tip(samples))
+    return RestReadings(mean, noise, _tip(samples))
 
 
-def hold(samples: Sequence[Sample], chamber: int, setpoint_pa: float, at_rest: Rest) -> Hold:
+def hold(
+    samples: Sequence[CycleSample], chamber: int, setpoint_pa: float, at_rest: RestReadings
+) -> PressureHold:
     """Evaluate a hold.
 
     Parameters
     ----------
-    samples : sequence of Sample
+    samples : sequence of CycleSample
         All samples since the set point started to rise.
     chamber : int
         Number of the chamber.
     setpoint_pa : float
         Set point [Pa gauge].
-    at_rest : Rest
+    at_rest : RestReadings
         Readings before the first step.
 
     Returns
     -------
-    Hold
+    PressureHold
     """
     readings, fresh = _readings(samples)
     t = np.array([sample.t_s for sample in samples])
@@ -111,21 +113,21 @@ def hold(samples: Sequence[Sample], chamber: int, setpoint_pa: float, at_rest: R
     drift, error = _slope(t, readings[:, chamber], fresh[:, chamber] & (t >= t[0] + (t[-1] - t[0]) * 0.5))
     tip = None if end.tip_m is None or at_rest.tip_m is None else end.tip_m - at_rest.tip_m
     t63 = _t63(t, readings[:, chamber], fresh[:, chamber], end.mean_pa[chamber])
-    return Hold(chamber, setpoint_pa, end.mean_pa - at_rest.mean_pa, drift, error, t63, tip)
+    return PressureHold(chamber, setpoint_pa, end.mean_pa - at_rest.mean_pa, drift, error, t63, tip)
 
 
-def vent(samples: Sequence[Sample], chamber: int, low_pa: float, at_rest: Rest) -> Vent:
+def vent(samples: Sequence[CycleSample], chamber: int, low_pa: float, at_rest: RestReadings) -> Vent:
     """Evaluate a vent.
 
     Parameters
     ----------
-    samples : sequence of Sample
+    samples : sequence of CycleSample
         Samples since the vent.
     chamber : int
         Number of the chamber that had pressure.
     low_pa : float
         Pressure below which a chamber is empty [Pa].
-    at_rest : Rest
+    at_rest : RestReadings
         Readings at rest.
 
     Returns
@@ -140,16 +142,16 @@ def vent(samples: Sequence[Sample], chamber: int, low_pa: float, at_rest: Rest) 
     return Vent(chamber, readings[0] - at_rest.mean_pa, readings[-1] - at_rest.mean_pa, low_pa, float(took))
 
 
-def _readings(samples: Sequence[Sample]) -> tuple[Array, np.ndarray]:
+def _readings(samples: Sequence[CycleSample]) -> tuple[Array, np.ndarray]:
     return np.array([s.reading_pa for s in samples]), np.array([s.fresh for s in samples], dtype=bool)
 
 
-def _last(samples: Sequence[Sample], part: float) -> Sequence[Sample]:
+def _last(samples: Sequence[CycleSample], part: float) -> Sequence[CycleSample]:
     begin = samples[-1].t_s - part * (samples[-1].t_s - samples[0].t_s)
     return [sample for sample in samples if sample.t_s >= begin]
 
 
-def _tip(samples: Sequence[Sample]) -> Array | None:
+def _tip(samples: Sequence[CycleSample]) -> Array | None:
     tips = [sample.tip_m for sample in samples if sample.tip_m is not None]
     return np.mean(tips, axis=0) if tips else None
 

@@ -23,7 +23,7 @@ READING_AGE_S = 0.2
 
 
 @dataclass(frozen=True)
-class Sample:
+class CycleSample:
     """Commands and readings of one cycle.
 
     Attributes
@@ -143,7 +143,7 @@ class PacedRegulator:
         """Why the devices cannot be commanded any more, or None."""
         return self._limited.lost
 
-    def cycle(self, wanted_pa: Array) -> Sample:
+    def cycle(self, wanted_pa: Array) -> CycleSample:
         """Wait for the next cycle, send the command (n,) [Pa gauge] through the limiter; return the sample.
 
         A vent is sent at once; while it is latched, the set points are zeros.
@@ -157,9 +157,9 @@ class PacedRegulator:
         if result is None:
             missing = np.full(self.n_chambers, np.nan)
             zeros = np.zeros_like(missing)
-            return Sample(now_s, wanted_pa, zeros, missing, np.isfinite(missing), 0.0, self.cause)
+            return CycleSample(now_s, wanted_pa, zeros, missing, np.isfinite(missing), 0.0, self.cause)
         exchanged = result.sent_pa, result.pressure_pa, result.fresh
-        return Sample(now_s, wanted_pa, *exchanged, took_s, self.cause, self._tip())
+        return CycleSample(now_s, wanted_pa, *exchanged, took_s, self.cause, self._tip())
 
     def vent(self, cause: str) -> None:
         """Latch the limiter, and send zeros at once."""

@@ -11,8 +11,8 @@ from soro_core.arrays import Array
 from soro_core.config import Floats, Strict
 from soro_hardware.finding import Finding
 from soro_hardware.hil.judge import Expectation
-from soro_hardware.hil.measured import Hold, Rest, Vent
-from soro_hardware.hil.paced import Sample
+from soro_hardware.hil.measured import PressureHold, RestReadings, Vent
+from soro_hardware.hil.paced import CycleSample
 
 Phase: TypeAlias = Literal["rest", "confirm", "settle", "hold", "direction", "vent", "done"]
 Do: TypeAlias = Literal["hold", "vent", "reset"]
@@ -38,7 +38,7 @@ class FirstPressureConfig(Strict):
 
 
 @dataclass(frozen=True)
-class Plan:
+class HilPlan:
     """Steps of a procedure, and expectations.
 
     Attributes
@@ -69,11 +69,11 @@ class ProcedureState:
         Present phase.
     chamber, step : int
         Numbers of the present chamber and step.
-    samples : tuple of Sample
+    samples : tuple of CycleSample
         Samples of the present phase.
-    rest, before : Rest or None
+    rest, before : RestReadings or None
         Readings at rest at the start, and just before the present chamber.
-    holds, vents : tuple of Hold, tuple of Vent
+    holds, vents : tuple of PressureHold, tuple of Vent
         Results so far.
     findings : tuple of Finding
         Findings so far.
@@ -90,10 +90,10 @@ class ProcedureState:
     phase: Phase = "rest"
     chamber: int = 0
     step: int = 0
-    samples: tuple[Sample, ...] = ()
-    rest: Rest | None = None
-    before: Rest | None = None
-    holds: tuple[Hold, ...] = ()
+    samples: tuple[CycleSample, ...] = ()
+    rest: RestReadings | None = None
+    before: RestReadings | None = None
+    holds: tuple[PressureHold, ...] = ()
     vents: tuple[Vent, ...] = ()
     findings: tuple[Finding, ...] = ()
     answer: Finding | None = None

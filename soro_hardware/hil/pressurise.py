@@ -12,8 +12,8 @@ from soro_core.errors import ConfigError
 from soro_core.robot import Robot
 from soro_hardware.hil.first_pressure import advance, interrupted
 from soro_hardware.hil.judge import Bending, Expectation, judge_trip
-from soro_hardware.hil.paced import PacedRegulator, Sample
-from soro_hardware.hil.plan import FirstPressureConfig, Order, Plan, ProcedureState
+from soro_hardware.hil.paced import CycleSample, PacedRegulator
+from soro_hardware.hil.plan import FirstPressureConfig, HilPlan, Order, ProcedureState
 from soro_hardware.platform import PlatformBase
 
 COMPASS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
@@ -47,7 +47,7 @@ def expectation(
     if config.steps_pa[-1] > platform.range.maximum_pa:
         top = f"set points up to the platform's {platform.range.maximum_pa:g} Pa"
         raise ConfigError("first pressurisation", "steps_pa", config.steps_pa[-1], top)
-    names, response = platform.chamber_names, platform.emulation.regulator
+    names, response = platform.chamber_names, platform.regulator
     bending = None if robot is None else _bending(robot, names, config.steps_pa)
     return Expectation(names, config.steps_pa, response, config.rise_pa_s, 1.0 / update_hz, bending)
 
@@ -64,9 +64,9 @@ def directions(expected: Expectation) -> tuple[str, ...]:
 
 
 def pressurise(
-    plan: Plan,
+    plan: HilPlan,
     regulator: PacedRegulator,
-    record: Callable[[Sample], None] = lambda sample: None,
+    record: Callable[[CycleSample], None] = lambda sample: None,
     ask: Callable[[str], None] = lambda question: None,
     answers: Callable[[], str | None] = lambda: None,
     stopped: Callable[[], bool] = lambda: False,
@@ -77,7 +77,7 @@ def pressurise(
 
     Parameters
     ----------
-    plan : Plan
+    plan : HilPlan
         Steps and expectations.
     regulator : PacedRegulator
         Regulator behind the limiter.

@@ -14,8 +14,8 @@ from matplotlib.figure import Figure
 
 from soro_hardware.finding import Finding
 from soro_hardware.hil.latency import Latency, Times, response
-from soro_hardware.hil.paced import Sample
-from soro_hardware.hil.plan import NOT_EXAMINED, Plan, ProcedureState
+from soro_hardware.hil.paced import CycleSample
+from soro_hardware.hil.plan import NOT_EXAMINED, HilPlan, ProcedureState
 
 
 def verdict(findings: Sequence[Finding]) -> str:
@@ -25,7 +25,7 @@ def verdict(findings: Sequence[Finding]) -> str:
     return "INCOMPLETE" if any(finding.name == NOT_EXAMINED for finding in findings) else "passed"
 
 
-def markdown(title: str, about: Mapping[str, str], plan: Plan, state: ProcedureState) -> str:
+def markdown(title: str, about: Mapping[str, str], plan: HilPlan, state: ProcedureState) -> str:
     """Return the report of a first pressurisation as Markdown.
 
     Parameters
@@ -34,7 +34,7 @@ def markdown(title: str, about: Mapping[str, str], plan: Plan, state: ProcedureS
         Title of the report.
     about : mapping of str to str
         Facts about the procedure: platform, date and so on.
-    plan : Plan
+    plan : HilPlan
         Steps and expectations.
     state : ProcedureState
         State at the end.
@@ -151,7 +151,7 @@ def as_json(value: object) -> str:
     return json.dumps(_plain(value), indent=2)
 
 
-def first_pressure_json(about: Mapping[str, str], plan: Plan, state: ProcedureState) -> str:
+def first_pressure_json(about: Mapping[str, str], plan: HilPlan, state: ProcedureState) -> str:
     """Return the report of a first pressurisation as JSON; parameters as in `markdown`."""
     return as_json(
         {
@@ -167,7 +167,7 @@ def first_pressure_json(about: Mapping[str, str], plan: Plan, state: ProcedureSt
     )
 
 
-def draw_first_pressure(file: Path, title: str, plan: Plan, samples: Sequence[Sample]) -> None:
+def draw_first_pressure(file: Path, title: str, plan: HilPlan, samples: Sequence[CycleSample]) -> None:
     """Draw set points and readings of every chamber, and the path of the tip.
 
     Parameters
@@ -176,9 +176,9 @@ def draw_first_pressure(file: Path, title: str, plan: Plan, samples: Sequence[Sa
         File of the picture.
     title : str
         Title.
-    plan : Plan
+    plan : HilPlan
         Steps and expectations.
-    samples : sequence of Sample
+    samples : sequence of CycleSample
         All samples.
     """
     t = np.array([sample.t_s for sample in samples])
@@ -245,7 +245,7 @@ def draw_latency(file: Path, title: str, latency: Latency) -> None:
     figure.savefig(file, dpi=110)
 
 
-def _draw_tips(axes: Any, plan: Plan, samples: Sequence[Sample]) -> None:
+def _draw_tips(axes: Any, plan: HilPlan, samples: Sequence[CycleSample]) -> None:
     """Draw the path of the tip normal to the axis of the base for each chamber, and the model's positions."""
     bending = plan.expected.bending
     assert bending is not None

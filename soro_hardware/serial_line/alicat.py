@@ -12,11 +12,11 @@ from typing import Any
 
 from soro_hardware.port import EMPTY_PA, Fault
 from soro_hardware.serial_line import alicat_codec as codec
-from soro_hardware.serial_line.alicat_codec import DataFrame, Layout, Version
+from soro_hardware.serial_line.alicat_codec import DataFrame, FrameLayout, Version
 from soro_hardware.serial_line.config import AlicatPlatform, AlicatValve
 from soro_hardware.serial_line.line.channel import Channel
 from soro_hardware.serial_line.line.request import Outcome, Request
-from soro_hardware.serial_line.line.session import TRIES, Session
+from soro_hardware.serial_line.line.session import TRIES, StartupSession
 
 _LOWEST_PA = -110e3
 _LISTEN_S = 0.12  # more than twice the period of a stream, 50 ms by default
@@ -44,7 +44,7 @@ class AlicatChannel(Channel):
         self._always_s = platform.setpoint_command == "S"
         # A reading far beyond the range of the platform is invalid.
         self._highest_pa = 2 * max(platform.range.maximum_pa, 100e3)
-        self._layout: Layout | None = None
+        self._layout: FrameLayout | None = None
         self.version: Version = (0, 0)
 
     def restart(self, now_ns: int) -> None:
@@ -122,7 +122,7 @@ class AlicatChannel(Channel):
             faults.append(Fault("over_temperature", self.source, "its temperature is out of range (TOV)"))
         return faults
 
-    def describe(self, session: Session) -> str:
+    def describe(self, session: StartupSession) -> str:
         frame = self._poll(session, self._identify(session))
         major, minor = self.version
         setpoint = frame.setpoint_counts * self.setpoint.resolution_pa / 1e3
@@ -132,7 +132,7 @@ class AlicatChannel(Channel):
             f"set point {setpoint:.1f}, pressure {frame.pressure_pa / 1e3:.1f} kPa{flags}"
         )
 
-    def _identify(self, session: Session) -> Layout:
+    def _identify(self, session: StartupSession) -> FrameLayout:
         """Read version, columns and source of the set point."""
         unit = self.unit.encode()
         self.version = self._read_version(session, unit)
@@ -150,7 +150,7 @@ class AlicatChannel(Channel):
                 raise session.error("set point source", text)
         return layout
 
-    def start(self, session: Session) -> None:
+    def start(self, session: StartupSession) -> None:
         """Identify the device, read its columns, and bring it to 0."""
         unit, layout = self.unit.encode(), self._identify(session)
         if "HLD" in self._poll(session, layout).flags:
@@ -188,7 +188,7 @@ class AlicatChannel(Channel):
         value = f"{counts / 10**decimals:.{decimals}f}"
         return f"{self.unit}{'LS ' if self.is_modern else 'S'}{value}\r".encode()
 
-    def _read_version(self, session: Session, unit: bytes) -> Version:
+    def _read_version(self, session: StartupSession, unit: bytes) -> Version:
         """Read the version with `VE`, or, because 8v17 does not answer it, from the last row of `??M*`."""
         for _ in range(TRIES):
             rows = [session.try_ask(unit + b"VE\r") or b""]
@@ -203,11 +203,11 @@ class AlicatChannel(Channel):
         fields = line.decode("ascii", "replace").split()
         return fields[1] if len(fields) == 2 and fields[0] == self.unit and len(fields[1]) == 1 else None
 
-    def _poll(self, session: Session, layout: Layout) -> DataFrame:
+    def _poll(self, session: StartupSession, layout: FrameLayout) -> DataFrame:
         question = self.unit.encode() + b"\r"
         return session.ask(question, "poll", lambda line: codec.parse_frame(line, self.unit, layout))
 
-    def _known_layout(self) -> Layout:
+    def _known_layout(self) -> FrameLayout:
         if self._layout is None:
             raise RuntimeError(f"{self.source}: not started")
         return self._layout
@@ -217,7 +217,7 @@ def _any(line: bytes) -> bytes:
     return line
 
 
-def stop_stream(session: Session, units: tuple[str, ...]) -> None:
+def stop_stream(session: StartupSession, units: tuple[str, ...]) -> None:
     """Stop a unit that streams data frames.
 
     A streaming unit has the letter ``@``; so it is the unit that does not answer to its own letter.
@@ -240,6 +240,6 @@ def stop_stream(session: Session, units: tuple[str, ...]) -> None:
         raise session.error("streaming", "a device sends without a request and does not stop", "flood")
 
 
-def _answers(session: Session, letter: bytes) -> bool:
+def _answers(session: StartupSession, letter: bytes) -> bool:
     session.in_gap(letter + b"\r")
     return any(line.startswith(letter + b" ") for line in session.listen(_LISTEN_S).split(b"\r"))

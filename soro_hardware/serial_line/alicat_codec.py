@@ -35,7 +35,7 @@ _NUMBER = re.compile(r"[+-]?\d{1,7}(\.\d{1,4})?")
 
 
 @dataclass(frozen=True)
-class Layout:
+class FrameLayout:
     """Columns of pressure and set point in a data frame.
 
     Attributes
@@ -77,7 +77,7 @@ def parse_version(line: bytes) -> Version | None:
     return (int(found[1]), int(found[2])) if found else None
 
 
-def parse_layout(lines: Sequence[bytes], unit: str) -> Layout:
+def parse_layout(lines: Sequence[bytes], unit: str) -> FrameLayout:
     """Return the layout in the table of a device, which has one of two forms.
 
     Raises
@@ -104,10 +104,10 @@ def parse_layout(lines: Sequence[bytes], unit: str) -> Layout:
     unit_pa = _gauge_unit(columns[pressure][2])
     if _gauge_unit(columns[setpoint][2]) != unit_pa:
         raise ValueError(f"set point in {columns[setpoint][2]}, pressure in {columns[pressure][2]}")
-    return Layout(len(columns), pressure, setpoint, unit_pa, columns[setpoint][1])
+    return FrameLayout(len(columns), pressure, setpoint, unit_pa, columns[setpoint][1])
 
 
-def parse_frame(line: bytes, unit: str, layout: Layout) -> DataFrame | None:
+def parse_frame(line: bytes, unit: str, layout: FrameLayout) -> DataFrame | None:
     """Decode a data frame.
 
     Parameters
@@ -116,7 +116,7 @@ def parse_frame(line: bytes, unit: str, layout: Layout) -> DataFrame | None:
         Line of an answer.
     unit : str
         Letter of the unit.
-    layout : Layout
+    layout : FrameLayout
         Columns of the frame.
 
     Returns
@@ -134,7 +134,7 @@ def parse_frame(line: bytes, unit: str, layout: Layout) -> DataFrame | None:
     return DataFrame(values[0] * layout.unit_pa, round(values[1] * 10**layout.decimals), flags)
 
 
-def parse_setpoint(line: bytes, unit: str, layout: Layout) -> int | None:
+def parse_setpoint(line: bytes, unit: str, layout: FrameLayout) -> int | None:
     """Return the set point in counts in an answer to `LS`, or None; parameters as in `parse_frame`.
 
     The answer is letter, present and requested set point, code and label of the unit.

@@ -12,7 +12,7 @@ from soro_hardware.serial_line.driver import SerialRegulator
 from soro_hardware.serial_line.itv import ItvChannel
 from soro_hardware.serial_line.line.engine import LineEngine
 from soro_hardware.serial_line.line.port import BytePort, SerialPort, open_with_retries, paths_of
-from soro_hardware.serial_line.line.session import Session
+from soro_hardware.serial_line.line.session import StartupSession
 
 
 class ItvRegulator(SerialRegulator):
@@ -50,7 +50,7 @@ class AlicatRegulator(SerialRegulator):
         channels = [AlicatChannel(self.platform, valve, port.name) for valve in self.platform.valves]
         return [LineEngine(port, channels, baud, times.answer_timeout_s, times.quiet_s)]
 
-    def stop_streaming(self, session: Session) -> None:
+    def stop_streaming(self, session: StartupSession) -> None:
         alicat.stop_stream(session, tuple(valve.unit for valve in self.platform.valves))
 
 

@@ -26,7 +26,7 @@ from soro_hardware.serial_line.config import SerialPlatform
 from soro_hardware.serial_line.line.channel import Channel
 from soro_hardware.serial_line.line.engine import LineEngine
 from soro_hardware.serial_line.line.port import BytePort
-from soro_hardware.serial_line.line.session import Session
+from soro_hardware.serial_line.line.session import StartupSession
 from soro_hardware.serial_line.lockstep import MARK, START_MARK, LockstepPort
 from soro_hardware.serial_line.probe import examine
 from soro_hardware.serial_line.start_up import start_all
@@ -79,7 +79,7 @@ class SerialRegulator(Driver[SerialPlatform]):
     def make_lines(self, ports: Sequence[BytePort]) -> list[LineEngine]:
         """Engines with their channels; the channels in the order of the platform's valves."""
 
-    def stop_streaming(self, session: Session) -> None:
+    def stop_streaming(self, session: StartupSession) -> None:
         """Stop devices on a line that send without a request."""
 
     # -- the driver's hooks ------------------------------------------------------------------------

@@ -14,7 +14,7 @@ from soro_hardware.port import EMPTY_PA
 from soro_hardware.serial_line.config import ItvPlatform, ItvValve
 from soro_hardware.serial_line.line.channel import Channel
 from soro_hardware.serial_line.line.request import Outcome, Request
-from soro_hardware.serial_line.line.session import Session
+from soro_hardware.serial_line.line.session import StartupSession
 
 FULL_COUNTS = 1023
 _NUMBER = re.compile(rb"[0-9]{1,4}")
@@ -91,12 +91,12 @@ class ItvChannel(Channel):
         self.read(counts * self.setpoint.resolution_pa)
         return "good"
 
-    def describe(self, session: Session) -> str:
+    def describe(self, session: StartupSession) -> str:
         kpa = self.setpoint.resolution_pa / 1e3
         setpoint, pressure = (kpa * session.ask(q + b"\r\n", q.decode(), parse) for q in (b"REQ", b"MON"))
         return f"answers: set point {setpoint:.1f}, pressure {pressure:.1f} kPa (an ITV reports no identity)"
 
-    def start(self, session: Session) -> None:
+    def start(self, session: StartupSession) -> None:
         for question in (b"SET 0", b"REQ"):
             session.ask(question + b"\r\n", question.decode(), _zero)
         counts = session.ask(b"MON\r\n", "MON", parse)

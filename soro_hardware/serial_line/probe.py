@@ -10,7 +10,7 @@ from soro_hardware.finding import Finding, run_check
 from soro_hardware.serial_line.config import SerialPlatform
 from soro_hardware.serial_line.line.engine import LineEngine
 from soro_hardware.serial_line.line.port import BytePort
-from soro_hardware.serial_line.line.session import Session
+from soro_hardware.serial_line.line.session import StartupSession
 
 
 class _Patience:
@@ -32,7 +32,7 @@ def examine(
     platform: SerialPlatform,
     open_ports: Callable[[], Sequence[BytePort]],
     make_lines: Callable[[Sequence[BytePort]], list[LineEngine]],
-    stop_streaming: Callable[[Session], None],
+    stop_streaming: Callable[[StartupSession], None],
     clock: Callable[[], float],
 ) -> Iterator[Finding]:
     """Yield findings for every device; set points do not change.
@@ -69,14 +69,14 @@ def examine(
 def _ask(
     platform: SerialPlatform,
     lines: list[LineEngine],
-    stop_streaming: Callable[[Session], None],
+    stop_streaming: Callable[[StartupSession], None],
     clock: Callable[[], float],
 ) -> Iterator[Finding]:
     for engine in lines:
         waiter = _Patience(engine.port, clock)
-        stop_streaming(Session(engine, waiter, engine.port.name, platform.line))
+        stop_streaming(StartupSession(engine, waiter, engine.port.name, platform.line))
         for channel in engine.channels:
-            session = Session(engine, waiter, channel.source, platform.line)
+            session = StartupSession(engine, waiter, channel.source, platform.line)
             advice = f"check its kind, power, TX and RX, {platform.baud} baud, and /dev/serial/by-id"
             try:
                 session.wait_for_boot(channel.wake, platform.line.boot_timeout_s)

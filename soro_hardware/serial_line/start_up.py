@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from soro_core.errors import HardwareError
 from soro_hardware.serial_line.config import LineOptions
 from soro_hardware.serial_line.line.engine import LineEngine
-from soro_hardware.serial_line.line.session import Session, Waiter
+from soro_hardware.serial_line.line.session import StartupSession, Waiter
 
 _BOOTED_S = 0.2  # boot time of further devices after a failure
 
@@ -16,7 +16,7 @@ _BOOTED_S = 0.2  # boot time of further devices after a failure
 def start_all(
     engines: Sequence[LineEngine],
     waiter: Waiter,
-    stop_streaming: Callable[[Session], None],
+    stop_streaming: Callable[[StartupSession], None],
     options: LineOptions,
 ) -> None:
     """Start all devices, also after the failure of one, so that the others are vented.
@@ -40,11 +40,11 @@ def start_all(
     boot_s, failed = options.boot_timeout_s, None
     for engine in engines:
         try:
-            stop_streaming(Session(engine, waiter, engine.port.name, options))
+            stop_streaming(StartupSession(engine, waiter, engine.port.name, options))
         except HardwareError as error:
             failed = failed or error
         for channel in engine.channels:
-            session = Session(engine, waiter, channel.source, options)
+            session = StartupSession(engine, waiter, channel.source, options)
             try:
                 session.wait_for_boot(channel.wake, boot_s)
                 channel.start(session)

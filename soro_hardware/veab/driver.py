@@ -24,7 +24,7 @@ from soro_hardware.transport.tcp import ByteLink
 from soro_hardware.veab import protocol
 from soro_hardware.veab.config import VeabPlatform
 from soro_hardware.veab.keeper import Keeper
-from soro_hardware.veab.stream import Stream
+from soro_hardware.veab.stream import MessageStream
 
 # A message reaches the DACs in the server's next round, after 4 ms; then the connection may be closed.
 _SETTLE_NS = 10_000_000
@@ -56,7 +56,7 @@ class VeabRegulator(LinkDriver[VeabPlatform]):
         super().__init__(platform, platform.host, link, clock, lockstep)
         self.empty_pa = platform.host.vented_pa
         self.rest_s = _LEAST_S, platform.host.vent_timeout_s
-        self._stream = self.traffic = Stream(platform, link, clock, lockstep)
+        self._stream = self.traffic = MessageStream(platform, link, clock, lockstep)
         self._keeper: Keeper | None = None
         self._broken_ns: int | None = None  # start of invalid readings
         self._is_new = False  # whether the driver has not waited for a reading yet

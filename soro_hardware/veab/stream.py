@@ -13,7 +13,7 @@ from soro_hardware.veab.config import VeabPlatform
 from soro_hardware.veab.count import PortCount
 
 
-class Stream:
+class MessageStream:
     """Messages over one connection; every failure of the connection is a `HardwareError` of the link.
 
     Parameters

@@ -41,7 +41,7 @@ _TEXTS = {
 
 
 @dataclass(frozen=True)
-class Status:
+class SlotStatus:
     """Status of a slot.
 
     Attributes
@@ -56,7 +56,7 @@ class Status:
     state: SlotState
 
     @classmethod
-    def of(cls, word: int) -> Status:
+    def of(cls, word: int) -> SlotStatus:
         """Read a status word."""
         return cls(word & 0x3F, SlotState(word >> 6 & 3))
 
@@ -95,7 +95,7 @@ def pressure_of(word: int) -> float:
 
 
 @dataclass(frozen=True)
-class Layout:
+class RegisterLayout:
     """Places of the words in the block of outputs, and of inputs, from the first slot in use to the last.
 
     Parameters
@@ -153,9 +153,9 @@ class Layout:
         """Return the set point [Pa gauge] of each chamber in a block of outputs."""
         return [pressure_of(outputs[self._word(slot) + 1 + valve]) for slot, valve in self.places]
 
-    def statuses(self, inputs: Sequence[int]) -> dict[int, Status]:
+    def statuses(self, inputs: Sequence[int]) -> dict[int, SlotStatus]:
         """Return the status of each slot in use in a block of inputs."""
-        return {slot: Status.of(inputs[self._word(slot)]) for slot in self.slots}
+        return {slot: SlotStatus.of(inputs[self._word(slot)]) for slot in self.slots}
 
     def pressures(self, inputs: Sequence[int]) -> list[float]:
         """Return the pressure [Pa gauge] of each chamber in a block of inputs."""
@@ -167,7 +167,7 @@ class Layout:
         most = math.ceil(empty_pa / PA_PER_MBAR) - 1  # below 256: only the low byte differs
         empty = rf"(?:\x00[\x00-\x{most:02x}]|\xff[\x{256 - most:02x}-\xff])"
         for slot in self.slots:
-            words[self._word(slot)] = rf".\x{Status(PRESSURE_APP, SlotState.RUNNING).word:02x}"
+            words[self._word(slot)] = rf".\x{SlotStatus(PRESSURE_APP, SlotState.RUNNING).word:02x}"
         for slot, valve in self.places:
             words[self._word(slot) + 1 + valve] = empty
         return "".join(words)

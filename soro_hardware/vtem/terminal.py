@@ -25,7 +25,14 @@ from soro_hardware.vtem.modbus import (
     write_answer,
     write_request,
 )
-from soro_hardware.vtem.registers import ACKNOWLEDGE, END_APP, PRESSURE_APP, Layout, SlotState, Status
+from soro_hardware.vtem.registers import (
+    ACKNOWLEDGE,
+    END_APP,
+    PRESSURE_APP,
+    RegisterLayout,
+    SlotState,
+    SlotStatus,
+)
 
 _POLL_S = 0.01
 
@@ -58,11 +65,11 @@ class Terminal:
         self, platform: VtemPlatform, client: Client, clock: Callable[[], float], lockstep: bool
     ) -> None:
         self.platform, self.client, self._clock, self._lockstep = platform, client, clock, lockstep
-        self.layout = Layout(tuple((valve.slot, valve.valve) for valve in platform.valves))
+        self.layout = RegisterLayout(tuple((valve.slot, valve.valve) for valve in platform.valves))
         self._outputs = platform.registers.outputs + self.layout.offset
         self._inputs = platform.registers.inputs + self.layout.offset
         self._none: Array = np.zeros(len(platform.valves))
-        self.statuses: dict[int, Status] = {}
+        self.statuses: dict[int, SlotStatus] = {}
         self.pressure_pa: Array = np.full(len(platform.valves), np.nan)
         self.sent_pa: Array = self._none
         self._is_valid: Flags = np.zeros(len(platform.valves), dtype=np.bool_)
@@ -174,7 +181,7 @@ class Terminal:
                 )
         self.sent_pa = self._none.copy()
 
-    def _require(self, wanted: Callable[[Status], bool], timeout_s: float, text: str) -> None:
+    def _require(self, wanted: Callable[[SlotStatus], bool], timeout_s: float, text: str) -> None:
         if not self._await(lambda: all(map(wanted, self._all())), timeout_s):
             slot = next(slot for slot in self.layout.slots if not wanted(self.statuses[slot]))
             raise self._failed(slot, f"{text} within {timeout_s:g} s: {self.statuses[slot]}")
@@ -198,7 +205,7 @@ class Terminal:
             text = f"{why}; are address, unit and registers right, and has it {slots}?"
             raise HardwareError(text, "motion terminal", code)
 
-    def _all(self) -> list[Status]:
+    def _all(self) -> list[SlotStatus]:
         return list(self.statuses.values())
 
     def _failed(self, slot: int, text: str, code: str = "refused") -> HardwareError:

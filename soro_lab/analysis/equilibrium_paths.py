@@ -19,7 +19,7 @@ POINTS = 9
 
 
 @dataclass(frozen=True)
-class Place:
+class RestingPlace:
     """A resting place.
 
     Attributes
@@ -41,7 +41,7 @@ class Place:
 
 
 @dataclass(frozen=True)
-class Way:
+class EquilibriumPath:
     """Resting places from rest to one end of the range of the pressures.
 
     Attributes
@@ -50,7 +50,7 @@ class Way:
         The chambers whose pressures change.
     pressure_pa : ndarray (n,)
         Their pressure at each place [Pa gauge].
-    places : tuple of Place
+    places : tuple of RestingPlace
         It ends early where there is no stable rest any more.
     reached : bool
         Whether it goes to the end of the range.
@@ -58,7 +58,7 @@ class Way:
 
     name: str
     pressure_pa: Array
-    places: tuple[Place, ...]
+    places: tuple[RestingPlace, ...]
     reached: bool
 
 
@@ -93,7 +93,7 @@ def rest_pressure(low_pa: float, high_pa: float) -> float:
 
 def ways(
     arm: SoftArm, low_pa: float, high_pa: float, show: Callable[[int, int], None] = lambda done, of: None
-) -> list[Way]:
+) -> list[EquilibriumPath]:
     """Return the ways from rest to the ends of the range.
 
     Parameters
@@ -118,7 +118,7 @@ def ways(
     return found
 
 
-def place_at(arm: SoftArm, pressure_pa: Array, near: Array | None = None) -> Place:
+def place_at(arm: SoftArm, pressure_pa: Array, near: Array | None = None) -> RestingPlace:
     """Return the resting place under these pressures.
 
     Parameters
@@ -137,10 +137,10 @@ def place_at(arm: SoftArm, pressure_pa: Array, near: Array | None = None) -> Pla
     q = stable_equilibrium(arm, pressure_pa, near)
     stiffness = tangent_stiffness(arm, pressure_pa, q)
     tip_m = arm.pose(q, arm.length)[:3, 3]
-    return Place(pressure_pa, q, tip_m, tip_stiffness(arm, q, stiffness), modes(arm, q, stiffness))
+    return RestingPlace(pressure_pa, q, tip_m, tip_stiffness(arm, q, stiffness), modes(arm, q, stiffness))
 
 
-def _way(arm: SoftArm, name: str, first: Place, end: Array) -> Way:
+def _way(arm: SoftArm, name: str, first: RestingPlace, end: Array) -> EquilibriumPath:
     changing = int(np.argmax(np.abs(end - first.pressure_pa)))
     places = [first]
     for share in np.linspace(0.0, 1.0, POINTS)[1:]:
@@ -150,4 +150,4 @@ def _way(arm: SoftArm, name: str, first: Place, end: Array) -> Way:
         except ModelError:
             break
     pressures = np.array([place.pressure_pa[changing] for place in places])
-    return Way(name, pressures, tuple(places), len(places) == POINTS)
+    return EquilibriumPath(name, pressures, tuple(places), len(places) == POINTS)

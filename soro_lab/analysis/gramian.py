@@ -13,7 +13,7 @@ from soro_core.integrate.state import State
 from soro_core.integrate.stepper import Stepper, make_stepper
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import stable_equilibrium
-from soro_lab.analysis.sensors import Candidate
+from soro_lab.analysis.sensors import SensorCandidate
 
 # Longest step of the integration [s], and the largest number of windows.
 LONGEST_S, MOST_WINDOWS = 2.5e-3, 40
@@ -28,8 +28,8 @@ class Window:
     states : tuple of State
         At each tick, both ends included.
     transitions : ndarray (n_ticks + 1, 2 n_q, 3 n_q)
-        Derivatives of (q, qd) at each tick by those at the first one, and by an acceleration that the model
-        lacks, the same at each tick: what an unknown load does.
+        Derivatives of (q, qd) at each tick by those at the first one, and by an unmodelled
+        acceleration, the same at each tick: what an unknown load does.
     """
 
     states: tuple[State, ...]
@@ -110,7 +110,7 @@ def _linearised(stepper: Stepper, state: State, pressures: Array, dt: float, ste
     return Window(tuple(states), np.array(transitions))
 
 
-def gramian(arm: SoftArm, window: Window, sensor: Candidate, dt: float) -> Array:
+def gramian(arm: SoftArm, window: Window, sensor: SensorCandidate, dt: float) -> Array:
     """Information (3 n_q, 3 n_q) of one sensor on a window, docs/analysis.md (10).
 
     The state is (q, qd) at its start and the unknown acceleration.
@@ -119,7 +119,7 @@ def gramian(arm: SoftArm, window: Window, sensor: Candidate, dt: float) -> Array
     ----------
     arm : SoftArm
     window : Window
-    sensor : Candidate
+    sensor : SensorCandidate
     dt : float
         Time of a tick [s].
     """

@@ -17,7 +17,7 @@ from soro_core.model.discretised import discretised
 from soro_lab.analysis.default_trajectory import excursions, slowest_period
 from soro_lab.analysis.gramian import gramian, windows
 from soro_lab.analysis.placement import Information, best, greedy
-from soro_lab.analysis.sensors import Candidate, SensorNoise, kinds_of, noise_of
+from soro_lab.analysis.sensors import SensorCandidate, SensorNoise, kinds_of, noise_of
 from soro_lab.analysis.stiffness import tip_jacobian
 from soro_lab.scene import Scene
 from soro_lab.trade.closed_loop import drive
@@ -39,7 +39,7 @@ class Placement:
         Coordinates at the start of the motion.
     farthest : ndarray (n_q,)
         Coordinates of the start of a window whose tip is farthest from there.
-    candidates : tuple of Candidate
+    candidates : tuple of SensorCandidate
     information : Information
     chosen : tuple of int
         Numbers of the chosen candidates, in the order of choice.
@@ -53,7 +53,7 @@ class Placement:
     arm: SoftArm
     rest: Array
     farthest: Array
-    candidates: tuple[Candidate, ...]
+    candidates: tuple[SensorCandidate, ...]
     information: Information
     chosen: tuple[int, ...]
     best: tuple[int, ...] | None
@@ -110,7 +110,7 @@ def place_sensors(
     arm = discretised(robot.replace(tip_mass=robot.tip_mass + scene.twin.payload_kg), model)
     used = parse(noise_of(scene.twin, estimator.config) | (noise or {}), SensorNoise, f"{WHERE} --noise")
     candidates = tuple(
-        Candidate(kind, place)
+        SensorCandidate(kind, place)
         for kind in kinds_of(kinds, used, scene.twin)
         for place in _places([link.length for link in robot.links], places)
     )

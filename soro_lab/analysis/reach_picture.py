@@ -15,7 +15,7 @@ from soro_core.arrays import Array
 from soro_core.control.reachable_workspace import Reachable, shape
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
-from soro_lab.analysis.equilibrium_paths import Place, Way
+from soro_lab.analysis.equilibrium_paths import EquilibriumPath, RestingPlace
 from soro_lab.analysis.modes import LinearisedModes
 
 # Largest ellipse and largest displacement of a mode, parts of the length of the arm.
@@ -27,7 +27,9 @@ _NAMED = 0.05
 FREE = 2e-5
 
 
-def draw(path: Path, arm: SoftArm, found: Reachable, ways: Sequence[Way], count: int, title: str) -> None:
+def draw(
+    path: Path, arm: SoftArm, found: Reachable, ways: Sequence[EquilibriumPath], count: int, title: str
+) -> None:
     """Write the picture as PNG.
 
     Parameters
@@ -36,7 +38,7 @@ def draw(path: Path, arm: SoftArm, found: Reachable, ways: Sequence[Way], count:
     arm : SoftArm
         Model, with its load.
     found : Reachable
-    ways : sequence of Way
+    ways : sequence of EquilibriumPath
         From rest through the range of the pressures.
     count : int
         Number of modes.
@@ -55,7 +57,7 @@ def draw(path: Path, arm: SoftArm, found: Reachable, ways: Sequence[Way], count:
     figure.savefig(path, dpi=110)
 
 
-def displacement_force(arm: SoftArm, places: Sequence[Place]) -> float:
+def displacement_force(arm: SoftArm, places: Sequence[RestingPlace]) -> float:
     """Force [N], a round number, that displaces the tip by no more than the largest ellipse anywhere."""
     softest = [place.tip.stiffness[place.tip.stiffness > _ELLIPSE][:1] for place in places]
     stiffness = min((float(one[0]) for one in softest if one.size), default=1.0)
@@ -82,7 +84,7 @@ def ellipse(compliance: Array, force_n: float, axes: tuple[int, int]) -> Array:
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ circle)
 
 
-def _places(figure: Any, arm: SoftArm, found: Reachable, ways: Sequence[Way]) -> None:
+def _places(figure: Any, arm: SoftArm, found: Reachable, ways: Sequence[EquilibriumPath]) -> None:
     """Places of the tip from the side and from above, with ellipses of softness."""
     side, above = figure.subplots(1, 2)
     mean_kpa = 1e-3 * found.pressure_pa.mean(axis=1)
@@ -116,7 +118,7 @@ def _places(figure: Any, arm: SoftArm, found: Reachable, ways: Sequence[Way]) ->
     figure.colorbar(dots, ax=above, label="mean pressure, kPa")
 
 
-def _frequencies(axes: Any, ways: Sequence[Way], chosen: Sequence[int]) -> None:
+def _frequencies(axes: Any, ways: Sequence[EquilibriumPath], chosen: Sequence[int]) -> None:
     """Frequencies of the drawn modes over the pressures."""
     for n, way in enumerate(ways):
         free = np.array([place.modes.frequency_hz[chosen] for place in way.places])
@@ -141,7 +143,7 @@ def _frequencies(axes: Any, ways: Sequence[Way], chosen: Sequence[int]) -> None:
     axes.legend(fontsize=8, loc="upper left", ncols=2)
 
 
-def _shapes(figure: Any, arm: SoftArm, rest: Place, chosen: Sequence[int]) -> None:
+def _shapes(figure: Any, arm: SoftArm, rest: RestingPlace, chosen: Sequence[int]) -> None:
     """The dominant modes at rest, each in the vertical plane of its largest motion."""
     panels = figure.subplots(1, len(chosen), sharex=True, sharey=True, squeeze=False)[0]
     figure.suptitle("modes at rest with most of the softness of the tip; black: rest", fontsize=9)
@@ -168,7 +170,7 @@ def _shapes(figure: Any, arm: SoftArm, rest: Place, chosen: Sequence[int]) -> No
     panels[0].set_ylabel("z, mm")
 
 
-def _caption(arm: SoftArm, rest: Place, k: int) -> str:
+def _caption(arm: SoftArm, rest: RestingPlace, k: int) -> str:
     """Frequency, damping, share of the softness of the tip and of the strains of one mode."""
     modes = rest.modes
     swing = f"{modes.damped_hz[k]:.3g} Hz" if modes.damped_hz[k] else "no swing"

@@ -11,16 +11,16 @@ import numpy as np
 from soro_core.control.reachable_workspace import Reachable
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
-from soro_lab.analysis.equilibrium_paths import Place, Way
+from soro_lab.analysis.equilibrium_paths import EquilibriumPath, RestingPlace
 from soro_lab.analysis.reach_picture import frequency, strain_shares
 
 
-def place_rows(ways: Sequence[Way], count: int) -> list[tuple[str, ...]]:
+def place_rows(ways: Sequence[EquilibriumPath], count: int) -> list[tuple[str, ...]]:
     """Return the rows: place, tip, principal stiffnesses, frequencies and damping of the slowest modes.
 
     Parameters
     ----------
-    ways : sequence of Way
+    ways : sequence of EquilibriumPath
     count : int
         Number of modes.
     """
@@ -31,7 +31,7 @@ def place_rows(ways: Sequence[Way], count: int) -> list[tuple[str, ...]]:
     return rows
 
 
-def _row(name: str, place: Place, count: int) -> tuple[str, ...]:
+def _row(name: str, place: RestingPlace, count: int) -> tuple[str, ...]:
     tip = ", ".join(f"{1e3 * x + 0.0:.1f}" for x in np.round(place.tip_m, 4))
     stiffness = ", ".join(_newton(x) for x in place.tip.stiffness)
     free = ", ".join(frequency(place.modes, k) for k in range(min(count, len(place.q))))
@@ -49,13 +49,13 @@ def _newton(stiffness: float) -> str:
     return f"{stiffness:.3g}" if stiffness > 1e-3 else "free"
 
 
-def mode_rows(arm: SoftArm, ways: Sequence[Way], count: int) -> list[tuple[str, ...]]:
+def mode_rows(arm: SoftArm, ways: Sequence[EquilibriumPath], count: int) -> list[tuple[str, ...]]:
     """Return the rows of the dominant modes at rest: number, frequency, share of the tip, shares of strains.
 
     Parameters
     ----------
     arm : SoftArm
-    ways : sequence of Way
+    ways : sequence of EquilibriumPath
     count : int
         Number of modes.
     """
@@ -68,14 +68,14 @@ def mode_rows(arm: SoftArm, ways: Sequence[Way], count: int) -> list[tuple[str, 
     return rows
 
 
-def as_dict(arm: SoftArm, found: Reachable, ways: Sequence[Way]) -> dict[str, Any]:
+def as_dict(arm: SoftArm, found: Reachable, ways: Sequence[EquilibriumPath]) -> dict[str, Any]:
     """Return all numbers, in SI units, as a JSON file takes them; null where the model cannot move.
 
     Parameters
     ----------
     arm : SoftArm
     found : Reachable
-    ways : sequence of Way
+    ways : sequence of EquilibriumPath
     """
     fields = strain_fields(arm.robot)
     names = [f"link{link}/{strain}" for link, strain in zip(fields.links, fields.strains, strict=True)]
@@ -98,7 +98,7 @@ def as_dict(arm: SoftArm, found: Reachable, ways: Sequence[Way]) -> dict[str, An
     }
 
 
-def _place(arm: SoftArm, place: Place, names: list[str]) -> dict[str, Any]:
+def _place(arm: SoftArm, place: RestingPlace, names: list[str]) -> dict[str, Any]:
     modes = place.modes
     return {
         "pressure_pa": place.pressure_pa.tolist(),

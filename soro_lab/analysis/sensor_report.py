@@ -10,7 +10,7 @@ import yaml
 
 from soro_core.robot.coordinates import strain_fields
 from soro_lab.analysis.problem import Placement
-from soro_lab.analysis.sensors import Candidate
+from soro_lab.analysis.sensors import SensorCandidate
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class PlacementStep:
 
     Attributes
     ----------
-    sensor : Candidate or None
+    sensor : SensorCandidate or None
         The last of them; None without any.
     value : float
         Their information [nat].
@@ -33,7 +33,7 @@ class PlacementStep:
         Its deviation, in its unit.
     """
 
-    sensor: Candidate | None
+    sensor: SensorCandidate | None
     value: float
     smallest: float
     tip_m: float

@@ -77,7 +77,7 @@ class SensorType:
 
 
 @dataclass(frozen=True)
-class Candidate:
+class SensorCandidate:
     """A kind of sensor at a place [m of undeformed length from the base]."""
 
     kind: SensorType

@@ -64,8 +64,8 @@ def _free_to_turn(stiffness: Array) -> Array:
     values, vectors = np.linalg.eigh(stiffness / np.outer(unit, unit))
     if not -NEUTRAL < values[0] < NEUTRAL:
         return stiffness
-    lacking = vectors[:, 0] * unit
-    return np.asarray(stiffness + (NEUTRAL - values[0]) * np.outer(lacking, lacking))
+    softest = vectors[:, 0] * unit
+    return np.asarray(stiffness + (NEUTRAL - values[0]) * np.outer(softest, softest))
 
 
 def tip_jacobian(arm: SoftArm, q: Array) -> Array:

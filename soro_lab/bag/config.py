@@ -32,10 +32,10 @@ class RecorderConfig(StartKeys):
     split_bytes: int = Field(
         0,
         ge=0,
-        description="size of a file of the bag, about, from which on a new one is begun; 0: one file [B]",
+        description="size of a file of the bag, about, from which on a new one is started; 0: one file [B]",
     )
     split_s: float = Field(
-        0.0, ge=0.0, le=1e6, description="recorded time after which a new file is begun; 0: one file [s]"
+        0.0, ge=0.0, le=1e6, description="recorded time after which a new file is started; 0: one file [s]"
     )
     discovery_s: float = Field(0.1, ge=0.02, le=10.0, description="period of the search for new topics [s]")
     buffer_bytes: int = Field(

@@ -15,7 +15,7 @@ from mcap.records import Message
 
 from soro_core.errors import BagError
 from soro_lab.bag import metadata as bag_metadata
-from soro_lab.bag.mcap.part import Block, Part
+from soro_lab.bag.mcap.part import BagFile, Block
 from soro_lab.bag.mcap.records import Damage
 from soro_lab.bag.mcap.summary import open_part
 from soro_lab.bag.metadata import Metadata
@@ -59,7 +59,7 @@ class BagReader:
         Log times of the first and the last message, 0 without messages.
     message_count : int
         Number of messages.
-    parts : tuple of Part
+    parts : tuple of BagFile
         The files in order.
     metadata : Metadata or None
         Contents of metadata.yaml, if there is one.
@@ -75,7 +75,7 @@ class BagReader:
         self._problems: list[str] = []
         self.metadata = load_metadata(self.path, self._problems)
         files = part_files(self.path, self.metadata)
-        parts: list[Part] = []
+        parts: list[BagFile] = []
         try:
             for file in files:
                 parts.append(_opened(file, index))
@@ -260,7 +260,7 @@ def load_metadata(path: Path, problems: list[str]) -> Metadata | None:
     return None
 
 
-def _opened(file: Path, index: bool) -> Part:
+def _opened(file: Path, index: bool) -> BagFile:
     if file.suffix != _SQLITE:
         return open_part(file, index)
     from soro_lab.bag.sqlite import open_sqlite  # rosbags takes a while to import
@@ -268,7 +268,7 @@ def _opened(file: Path, index: bool) -> Part:
     return open_sqlite(file)
 
 
-def _topics(part: Part, metadata: Metadata | None) -> dict[int, Topic]:
+def _topics(part: BagFile, metadata: Metadata | None) -> dict[int, Topic]:
     """Return the topics of a file by the number of their channel."""
     noted = {topic.name: topic for topic, _ in metadata.topics} if metadata else {}
     texts = {number: schema.data.decode("utf-8", "replace") for number, schema in part.schemas.items()}

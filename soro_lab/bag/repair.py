@@ -11,7 +11,7 @@ from typing import cast
 from soro_core.errors import BagError
 from soro_lab.bag import metadata as bag_metadata
 from soro_lab.bag.mcap.mcap_file import Compression, McapFile
-from soro_lab.bag.mcap.part import Part
+from soro_lab.bag.mcap.part import BagFile
 from soro_lab.bag.mcap.records import Damage
 from soro_lab.bag.mcap.summary import open_part
 from soro_lab.bag.metadata import FilePart, Metadata
@@ -98,7 +98,7 @@ def _free_name(path: Path) -> Path:
     return next(name for ending in endings if not (name := path.with_name(path.name + ending)).exists())
 
 
-def _is_sound(walked: Part) -> bool:
+def _is_sound(walked: BagFile) -> bool:
     """Whether a file has an index that agrees with its records."""
     if walked.problems:
         return False
@@ -111,7 +111,7 @@ def _is_sound(walked: Part) -> bool:
     return True
 
 
-def _rewrite(part: Part, draft: Path) -> None:
+def _rewrite(part: BagFile, draft: Path) -> None:
     """Write the messages of a part into a new file, in the order of the old one."""
     compression = cast(Compression, part.compression or "none")
     with draft.open("wb") as stream:
@@ -130,7 +130,7 @@ def _rewrite(part: Part, draft: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def _recorded_metadata(part: Part) -> Metadata | None:
+def _recorded_metadata(part: BagFile) -> Metadata | None:
     """Return the metadata record of a file, which replaces a lost metadata.yaml."""
     for name, values in reversed(part.metadata):
         if name == "rosbag2" and "serialized_metadata" in values:

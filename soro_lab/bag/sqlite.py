@@ -11,7 +11,7 @@ from rosbags.interfaces import ConnectionExtRosbag2, MessageDefinitionFormat
 from rosbags.rosbag2 import Reader
 
 from soro_core.errors import BagError
-from soro_lab.bag.mcap.part import OUTSIDE, Block, Part
+from soro_lab.bag.mcap.part import OUTSIDE, BagFile, Block
 from soro_lab.bag.mcap.records import Damage
 
 _ENCODINGS = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.IDL: "ros2idl"}
@@ -19,7 +19,7 @@ _ENCODINGS = {MessageDefinitionFormat.MSG: "ros2msg", MessageDefinitionFormat.ID
 _STRETCH = 1 << 22
 
 
-class SqlitePart(Part):
+class SqlitePart(BagFile):
     """A file whose blocks are stretches of its time."""
 
     database: Reader
@@ -31,7 +31,7 @@ class SqlitePart(Part):
 
         Parameters
         ----------
-        block, channels, low, high : as in `Part.messages`
+        block, channels, low, high : as in `BagFile.messages`
         """
         listed = list(enumerate(self.database.connections))
         wanted = [connection for number, connection in listed if channels is None or number in channels]

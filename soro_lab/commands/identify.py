@@ -128,7 +128,7 @@ def identify(
     from soro_lab.identification.arm.laws import LAWS, NAMED
     from soro_lab.identification.arm.report.verdict import is_accepted, sentence
     from soro_lab.identification.arm.robot_yaml import impossible, number_table, robot_text
-    from soro_lab.identification.arm.stages import Options
+    from soro_lab.identification.arm.stages import IdentificationOptions
     from soro_lab.identification.arm.stages import identify as search
     from soro_lab.identification.recording import check_motion, summary
 
@@ -165,7 +165,7 @@ def identify(
             raise ConfigError(str(paths[0]), "sensors/pose0", text, allowed) from None
         raise typer.Exit(status)
     check_motion(read)
-    options = Options(
+    options = IdentificationOptions(
         dt_s=None if step_ms is None else 1e-3 * step_ms,
         rate_hz=rate_hz,
         laws=tuple(law for law in known if law.name in names),

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from soro_core.robot import Robot
-    from soro_lab.identification.arm.stages import Identified
+    from soro_lab.identification.arm.stages import ArmIdentification
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class ReportOptions:
                 "soro identify", "--profile", odd[0], f"all, none, {', '.join(known)}, frame/..."
             )
 
-    def names(self, found: Identified) -> tuple[str, ...]:
+    def names(self, found: ArmIdentification) -> tuple[str, ...]:
         """Return the numbers whose profile is simulated: none after Ctrl-C."""
         from soro_lab.identification.arm.profiles import least_certain
 
@@ -72,13 +72,13 @@ class ReportOptions:
 
 
 def write(
-    found: Identified, options: ReportOptions, accept: float, out: Path, console: Console
+    found: ArmIdentification, options: ReportOptions, accept: float, out: Path, console: Console
 ) -> tuple[Path, bool]:
     """Write the report; return its page, and whether Ctrl-C ended the profiles.
 
     Parameters
     ----------
-    found : Identified
+    found : ArmIdentification
     options : ReportOptions
         With a folder.
     accept : float
@@ -90,7 +90,7 @@ def write(
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
     from soro_lab.identification.arm.profiles import profiles
-    from soro_lab.identification.arm.report import Result, write_report
+    from soro_lab.identification.arm.report import ReportContent, write_report
     from soro_lab.identification.arm.robot_yaml import impossible
 
     assert options.folder is not None
@@ -102,5 +102,5 @@ def write(
             found, names, lambda stage, done: bar.update(task, description=f"{stage}: {100 * done:.0f} %")
         )
         bar.update(task, description="report")
-        result = Result(found, accept, own, impossible(found), str(out))
+        result = ReportContent(found, accept, own, impossible(found), str(out))
         return write_report(result, options.folder), interrupted

@@ -77,9 +77,9 @@ def new(
     from rich.console import Console
     from rich.markup import escape
 
-    from soro_lab.scaffold import Options, new_arm, write_arm
+    from soro_lab.scaffold import ScaffoldOptions, new_arm, write_arm
 
-    options = Options(
+    options = ScaffoldOptions(
         name=name,
         links=links,
         length=length,

@@ -34,7 +34,7 @@ class SearchProgress:
         text = "{task.completed} of about {task.total}"
         columns = TextColumn("{task.description}"), BarColumn(), TextColumn(text), TimeElapsedColumn()
         self._console, self._stage, self._clock = console, "", clock
-        self._simulations, self._begun_s, self._line_s = 0, 0.0, 0.0
+        self._simulations, self._start_s, self._line_s = 0, 0.0, 0.0
         self._bar = Progress(*columns, console=console, disable=not console.is_terminal)
         self._task = self._bar.add_task("states at rest", total=expected)
 
@@ -62,14 +62,14 @@ class SearchProgress:
         self._bar.update(self._task, description=text)
         if not self._console.is_terminal and now_s - self._line_s >= _LINE_S:
             self._line_s = now_s
-            self._print(f"{text}, {now_s - self._begun_s:.0f} s")
+            self._print(f"{text}, {now_s - self._start_s:.0f} s")
 
     def _next(self, stage: str, now_s: float) -> None:
         task = self._bar.tasks[0]
         done = task.completed + bool(self._stage)
         total = max(float(task.total or 0.0), done + 1.0)
         self._bar.update(self._task, completed=int(done), total=int(total))
-        self._stage, self._simulations, self._begun_s, self._line_s = stage, 0, now_s, now_s
+        self._stage, self._simulations, self._start_s, self._line_s = stage, 0, now_s, now_s
         if not self._console.is_terminal:
             self._print(stage)
 

@@ -14,7 +14,7 @@ from soro_hardware import signals
 
 if TYPE_CHECKING:
     from soro_lab.scene import Requirement, Scene
-    from soro_lab.trade.case import Case
+    from soro_lab.trade.case import TradeCase
 
 WIDTH = 160
 
@@ -162,7 +162,7 @@ def _is_scene(name: str) -> bool:
     return name in scenes
 
 
-def _case(name: str, scene: Scene | None, requirement: Requirement, seconds: float) -> Case:
+def _case(name: str, scene: Scene | None, requirement: Requirement, seconds: float) -> TradeCase:
     from dataclasses import replace
 
     from soro_core.robot import load_robot

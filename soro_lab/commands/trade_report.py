@@ -67,7 +67,7 @@ def _figure(value: float) -> str:
 def notes(study: Study) -> list[str]:
     """Return what the figures mean, and what is missing and why."""
     own, truth = study.reference.own, study.reference
-    failed = [row for row in study.rows if row.trouble]
+    failed = [row for row in study.rows if row.failure]
     tick = f"{1e3 * study.case.tick_s:g} ms" + (
         "" if study.case.paced else ", or a step where that is longer"
     )
@@ -100,7 +100,7 @@ def notes(study: Study) -> list[str]:
             row.candidate.space: row.loop.trouble for row in study.rows if row.loop and row.loop.trouble
         }
         lines += [f"Closed loop not available: {space}: {reason}" for space, reason in reasons.items()]
-    causes = {row.trouble.split(":", 1)[-1].split(";")[0].strip() for row in failed}
+    causes = {row.failure.split(":", 1)[-1].split(";")[0].strip() for row in failed}
     lines += [f"Failed: {cause}" for cause in sorted(causes)[:5]]
     return lines
 

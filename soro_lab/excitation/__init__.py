@@ -1,5 +1,5 @@
 """Excitation of an arm: safe set points from which its parameters can be identified."""
 
-from soro_lab.excitation.config import ExciteConfig, MotionConfig
+from soro_lab.excitation.config import ExciteConfig, MotionLimits
 
-__all__ = ["ExciteConfig", "MotionConfig"]
+__all__ = ["ExciteConfig", "MotionLimits"]

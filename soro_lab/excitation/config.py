@@ -12,7 +12,7 @@ Stage: TypeAlias = Literal["singles", "pairs", "together", "creep", "steps", "sw
 STAGES: tuple[Stage, ...] = get_args(Stage)
 
 
-class MotionConfig(Strict):
+class MotionLimits(Strict):
     """Motion beyond which an excitation stops and vents."""
 
     box_m: Floats = Field(
@@ -100,7 +100,7 @@ class ExciteConfig(Strict):
     )
     release: bool = Field(False, description="at the end a person bends the arm and lets it go")
     release_s: float = Field(60.0, ge=1, le=3600, description="longest wait for the release")
-    motion: MotionConfig = Field(MotionConfig(), description="motion that ends the excitation")
+    motion: MotionLimits = Field(MotionLimits(), description="motion that ends the excitation")
 
     @field_validator("stages")
     @classmethod

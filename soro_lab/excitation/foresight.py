@@ -10,7 +10,7 @@ from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
-from soro_lab.excitation.plan import Plan
+from soro_lab.excitation.plan import ExcitationPlan
 from soro_lab.excitation.section import ExcitationSegment
 
 
@@ -30,14 +30,14 @@ class Warned:
     reason: str
 
 
-def foresee(arm: SoftArm, plan: Plan) -> Warned | None:
+def foresee(arm: SoftArm, plan: ExcitationPlan) -> Warned | None:
     """Return the first section at whose pressures the model has no balance, or None.
 
     Parameters
     ----------
     arm : SoftArm
         Model.
-    plan : Plan
+    plan : ExcitationPlan
         Sections in order.
     """
     q = np.zeros(arm.n_q)

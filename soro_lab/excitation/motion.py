@@ -12,7 +12,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.rotation import matrix_from_quaternion, rotation_log
-from soro_lab.excitation.config import MotionConfig
+from soro_lab.excitation.config import MotionLimits
 
 Sample: TypeAlias = PoseSample | ImuSample
 
@@ -31,7 +31,7 @@ class MotionCriteria:
 
     Attributes
     ----------
-    config : MotionConfig
+    config : MotionLimits
         Limits.
     length : float
         Length of the arm [m].
@@ -39,7 +39,7 @@ class MotionCriteria:
         Whether there are pose sensors; without one the IMUs show rotations and whether the arm is still.
     """
 
-    config: MotionConfig
+    config: MotionLimits
     length: float
     has_pose: bool
 

@@ -17,7 +17,7 @@ LEAST = 0.5
 
 
 @dataclass(frozen=True)
-class Plan:
+class ExcitationPlan:
     """Sections of an excitation.
 
     Attributes
@@ -55,7 +55,7 @@ class Plan:
         return max(0.0, present) + sum(one.longest_s for one in self.sections[index + 1 :])
 
 
-def make_plan(supply: Supply, config: ExciteConfig, where: str) -> Plan:
+def make_plan(supply: Supply, config: ExciteConfig, where: str) -> ExcitationPlan:
     """Return the sections of an excitation.
 
     Parameters
@@ -69,7 +69,7 @@ def make_plan(supply: Supply, config: ExciteConfig, where: str) -> Plan:
 
     Returns
     -------
-    Plan
+    ExcitationPlan
 
     Raises
     ------
@@ -90,7 +90,7 @@ def make_plan(supply: Supply, config: ExciteConfig, where: str) -> Plan:
     return _sections(supply, _scaled(config, factor))
 
 
-def _sections(supply: Supply, config: ExciteConfig) -> Plan:
+def _sections(supply: Supply, config: ExciteConfig) -> ExcitationPlan:
     maker = Maker(supply, config)
     sections = list(rest(maker))
     for _ in range(config.repeat):
@@ -98,7 +98,7 @@ def _sections(supply: Supply, config: ExciteConfig) -> Plan:
             sections += STAGES[stage](maker)
     if config.release:
         sections += release(maker)
-    return Plan(supply.names, tuple(sections))
+    return ExcitationPlan(supply.names, tuple(sections))
 
 
 def _scaled(config: ExciteConfig, factor: float) -> ExciteConfig:

@@ -11,7 +11,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_lab.excitation.foresight import Warned
 from soro_lab.excitation.motion import IN_A_ROW, AtRest, MotionCriteria, Sample, at_rest, beyond, is_still
-from soro_lab.excitation.plan import Plan
+from soro_lab.excitation.plan import ExcitationPlan
 
 Phase: TypeAlias = Literal["running", "venting", "over"]
 
@@ -31,7 +31,7 @@ class Excitation:
 
     Attributes
     ----------
-    plan : Plan
+    plan : ExcitationPlan
         Sections.
     motion : MotionCriteria
         Limits of the motion.
@@ -41,14 +41,14 @@ class Excitation:
         Name of the sensor whose box counts.
     """
 
-    plan: Plan
+    plan: ExcitationPlan
     motion: MotionCriteria
     warned: Warned | None
     outermost: str
 
 
 @dataclass(frozen=True)
-class Tick:
+class ExcitationTick:
     """Input of one tick.
 
     Attributes
@@ -119,7 +119,7 @@ def initial_state(excitation: Excitation) -> ExcitationState:
     return ExcitationState(zero, zero)
 
 
-def advance(excitation: Excitation, state: ExcitationState, tick: Tick) -> ExcitationState:
+def advance(excitation: Excitation, state: ExcitationState, tick: ExcitationTick) -> ExcitationState:
     """Return the state after one tick; its `setpoint_pa` is the command.
 
     Parameters
@@ -128,12 +128,12 @@ def advance(excitation: Excitation, state: ExcitationState, tick: Tick) -> Excit
         What is followed.
     state : ExcitationState
         State after the last tick.
-    tick : Tick
+    tick : ExcitationTick
         New samples.
     """
     state = _received(state, tick, excitation.plan.still_s)
     if state.phase == "running":
-        reason = _trouble(excitation, state, tick)
+        reason = _stop_reason(excitation, state, tick)
         state = _stopped(state, tick.t_s, reason) if reason else _moved(excitation, state, tick)
     if state.phase == "running":
         section = excitation.plan.sections[state.index]
@@ -160,7 +160,7 @@ def left_s(excitation: Excitation, state: ExcitationState, t_s: float) -> float:
     return excitation.plan.left_s(state.index, t_s - state.begin_s) + state.saved_s + VENT_S
 
 
-def _received(state: ExcitationState, tick: Tick, still_s: float) -> ExcitationState:
+def _received(state: ExcitationState, tick: ExcitationTick, still_s: float) -> ExcitationState:
     recent, arrived = dict(state.recent), dict(state.arrived_s)
     for name, found in tick.samples.items():
         good = tuple(one for one in found if _counts(one, tick))
@@ -170,7 +170,7 @@ def _received(state: ExcitationState, tick: Tick, still_s: float) -> ExcitationS
     return replace(state, recent=_last(recent, still_s), arrived_s=arrived)
 
 
-def _counts(sample: Sample, tick: Tick) -> bool:
+def _counts(sample: Sample, tick: ExcitationTick) -> bool:
     """Whether a sample can be one; with a stamp from the future the arm would never be still again."""
     return sample.finite() and sample.stamp_s <= tick.t_s + AHEAD_S
 
@@ -183,7 +183,7 @@ def _last(recent: Mapping[str, tuple[Sample, ...]], time_s: float) -> dict[str, 
     }
 
 
-def _trouble(excitation: Excitation, state: ExcitationState, tick: Tick) -> str:
+def _stop_reason(excitation: Excitation, state: ExcitationState, tick: ExcitationTick) -> str:
     """Return why an excitation cannot go on; empty if it can."""
     if tick.stop:
         return tick.stop
@@ -201,7 +201,7 @@ def _stopped(state: ExcitationState, t_s: float, reason: str) -> ExcitationState
     return replace(state, phase="venting", begin_s=t_s, reason=reason)
 
 
-def _moved(excitation: Excitation, state: ExcitationState, tick: Tick) -> ExcitationState:
+def _moved(excitation: Excitation, state: ExcitationState, tick: ExcitationTick) -> ExcitationState:
     """Judge the motion, and go on to the next section where the present one is over."""
     section = excitation.plan.sections[state.index]
     if not section.asks:
@@ -222,7 +222,9 @@ def _moved(excitation: Excitation, state: ExcitationState, tick: Tick) -> Excita
     return _next(excitation, state, tick) if over or (section.asks and tick.answered) else state
 
 
-def _judged(excitation: Excitation, state: ExcitationState, tick: Tick) -> tuple[ExcitationState, str]:
+def _judged(
+    excitation: Excitation, state: ExcitationState, tick: ExcitationTick
+) -> tuple[ExcitationState, str]:
     """Compare new samples with the limits."""
     strikes, reason = dict(state.strikes), ""
     for name, found in tick.samples.items():
@@ -239,7 +241,7 @@ def _judged(excitation: Excitation, state: ExcitationState, tick: Tick) -> tuple
     return replace(state, strikes=strikes), reason
 
 
-def _next(excitation: Excitation, state: ExcitationState, tick: Tick) -> ExcitationState:
+def _next(excitation: Excitation, state: ExcitationState, tick: ExcitationTick) -> ExcitationState:
     """Begin the next section, or end."""
     if state.index == 0:
         state = replace(state, rest={name: at_rest(found) for name, found in state.recent.items()})

@@ -10,7 +10,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_lab.identification.candidates import Values, residuals_or_none
-from soro_lab.identification.search import LOSSES, Loss, Search, SearchResult, Settings
+from soro_lab.identification.search import LOSSES, Loss, Search, SearchResult, SearchSettings
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def fit(
     loss : str
         Loss of scipy.optimize.least_squares; soft_l1 limits the effect of outliers.
     max_iterations : int
-        Largest number of iterations of a search. One that hopeless candidates have stopped is begun anew
+        Largest number of iterations of a search. One that hopeless candidates have stopped is started anew
         beside them (`soro_lab.identification.search`).
     relative_step : float
         Step of the numerical derivatives, in units of the parameters or, if more, of their values; it must
@@ -133,7 +133,7 @@ def fit(
         calls += 1
         return residuals_or_none(residuals, values_of(x))
 
-    settings = Settings(loss, relative_step, max_iterations)
+    settings = SearchSettings(loss, relative_step, max_iterations)
     found = Search(evaluate, start, first, bounds, settings).run()
     deviations = _deviations(found, loss, unit)
     return Fit(

@@ -136,7 +136,7 @@ def read_columns(
     if left_out := count - int((fall < 0.0).sum()):
         notes.append(f"{left_out} rows left out: a value is not finite, or the time does not rise")
     for line in notes:
-        logging.getLogger("soro_core").warning("%s: %s", where, line)
+        logging.getLogger("soro_lab").warning("%s: %s", where, line)
     return columns
 
 

@@ -238,9 +238,9 @@ def _cells(result: Score) -> list[str]:
 
 
 def block(model: RegulatorModel | FlowModel) -> dict[str, Any]:
-    """Return parameters to paste: section `emulation` of a platform, or `twin` of a scene."""
+    """Return parameters to paste: section `regulator` of a platform, or `twin` of a scene."""
     if isinstance(model, RegulatorModel):
-        return {"emulation": {"regulator": _rounded(model.model_dump(exclude_unset=True))}}
+        return {"regulator": _rounded(model.model_dump(exclude_unset=True))}
     given = {"volume_m3": model.volume_m3, "delay_s": model.delay_s, "vent_delay_s": model.vent_delay_s}
     valve = _rounded(model.valves.model_dump(exclude_unset=True))
     return {"twin": {"air": "states", "valve": valve}, "for": _rounded(given)}

@@ -30,13 +30,13 @@ LOSSES: dict[str, tuple[Callable[[Array], Array], ...]] = {
     "cauchy": (np.log1p, lambda z: 1.0 / (1.0 + z), lambda z: -((1.0 + z) ** -2.0)),
 }
 """Loss of scipy.optimize.least_squares: twice the cost of a squared residual, and its two derivatives."""
-# Searches that are begun anew beside the edge of hopeless candidates, parts of the step that leads there, and
-# the least part of the cost by which it must help.
+# Searches that are started anew beside the edge of hopeless candidates, parts of the step that leads there,
+# and the least part of the cost by which it must help.
 MOST_RESTARTS, PARTS, GAIN = 10, (1.0, 0.5, 0.25, 0.1, 0.02), 1e-6
 
 
 @dataclass(frozen=True)
-class Settings:
+class SearchSettings:
     """How a search goes.
 
     Attributes
@@ -95,7 +95,7 @@ class SearchResult:
 
 
 class Search:
-    """A search by scipy.optimize.least_squares, begun anew where the edge of hopeless candidates stops it.
+    """A search by scipy.optimize.least_squares, started anew where the edge of hopeless candidates stops it.
 
     Parameters
     ----------
@@ -105,7 +105,7 @@ class Search:
         Parameters at the start, and their residuals.
     bounds : two arrays (n_parameters,)
         Lowest and highest parameters.
-    settings : Settings
+    settings : SearchSettings
     progress : callable
         Called with the least cost so far after each evaluation: of a step, and of each derivative.
     beside : callable, optional
@@ -118,7 +118,7 @@ class Search:
         start: Array,
         first: Array,
         bounds: tuple[Array, Array],
-        settings: Settings,
+        settings: SearchSettings,
         progress: Callable[[float], None] = lambda cost: None,
         beside: Callable[[Array], Array | None] | None = None,
     ) -> None:

@@ -6,6 +6,6 @@ Every number of the files has its unit and where it comes from: given, estimated
 from soro_lab.scaffold.annotated import Noted
 from soro_lab.scaffold.arm import Geometry, NewArm, NewLink, new_arm
 from soro_lab.scaffold.files import write_arm
-from soro_lab.scaffold.options import Options
+from soro_lab.scaffold.options import ScaffoldOptions
 
-__all__ = ["Geometry", "NewArm", "NewLink", "Noted", "Options", "new_arm", "write_arm"]
+__all__ = ["Geometry", "NewArm", "NewLink", "Noted", "ScaffoldOptions", "new_arm", "write_arm"]

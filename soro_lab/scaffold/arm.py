@@ -13,7 +13,7 @@ from soro_lab.scaffold.options import (
     MOUNTINGS,
     WHERE,
     GivenLink,
-    Options,
+    ScaffoldOptions,
     read_links,
     read_name,
     read_range,
@@ -78,7 +78,7 @@ class NewArm:
     platform: str
 
 
-def new_arm(options: Options) -> NewArm:
+def new_arm(options: ScaffoldOptions) -> NewArm:
     """Read options, and estimate what they leave open.
 
     Raises

@@ -27,7 +27,7 @@ _NAME = re.compile(r"[a-z][a-z0-9_]*")
 
 
 @dataclass(frozen=True)
-class Options:
+class ScaffoldOptions:
     """Options as they are written; empty where they are not given."""
 
     name: str
@@ -56,7 +56,7 @@ class GivenLink:
     bending: float | None
 
 
-def read_links(options: Options) -> tuple[GivenLink, ...]:
+def read_links(options: ScaffoldOptions) -> tuple[GivenLink, ...]:
     """Return what is given about each link.
 
     Raises

@@ -109,7 +109,7 @@ def platform_header(arm: NewArm, name: str) -> str:
     return (
         f"Regulators of {arm.name}, written by `soro new` after the shipped {name}.yaml, which says more.\n"
         "`soro run` emulates them unless the scene or --valves says real. What each number means stands "
-        "beside it; those under emulation are assumptions: soro fit pressures finds them."
+        "beside it; those under regulator are assumptions: soro fit pressures finds them."
     )
 
 
@@ -132,7 +132,7 @@ def _set_pressures(data: dict[str, Any], low: float, high: float) -> dict[tuple[
         ("rating", "minimum_pa"): guess,
         ("rating", "maximum_pa"): guess,
     }
-    regulator = data["emulation"]["regulator"]
+    regulator = data["regulator"]
     lowest, highest = regulator["minimum_pa"], regulator["maximum_pa"]
     for key, found, wanted in (
         ("minimum_pa", lowest, low if lowest == 0.0 else min(lowest, low)),
@@ -140,12 +140,12 @@ def _set_pressures(data: dict[str, Any], low: float, high: float) -> dict[tuple[
     ):
         regulator[key] = wanted
         if wanted != found:
-            own["emulation", "regulator", key] = _OF_RANGE
+            own["regulator", key] = _OF_RANGE
     if data["family"] == "canopen_408" and high - low != _SHIPPED:
         for key in ("hysteresis_pa", "command_resolution_pa", "reading_resolution_pa", "reading_noise_pa"):
             if key in regulator:
                 regulator[key] = rounded(regulator[key] * (high - low) / _SHIPPED)
-                own["emulation", "regulator", key] = "the same part of the range as there"
+                own["regulator", key] = "the same part of the range as there"
     if data["family"] == "canopen_408" and high > _SHIPPED:
         data["emulation"]["supply_pa"] = high + _SUPPLY_MARGIN
         own["emulation", "supply_pa"] = "60 kPa above the range"

@@ -70,8 +70,8 @@ def _allowed(scene: Scene) -> dict[str, tuple[float, float]]:
         return {"twin.regulator": (max(regulator.minimum_pa, rating.minimum_pa), regulator.maximum_pa)}
     found = {f"range of {Path(scene.platform).stem}": (platform.range.minimum_pa, platform.range.maximum_pa)}
     if scene.emulates:
-        regulator = platform.emulation.regulator
-        name = f"emulation.regulator of {Path(scene.platform).stem}"
+        regulator = platform.regulator
+        name = f"regulator of {Path(scene.platform).stem}"
         found[name] = regulator.minimum_pa, regulator.maximum_pa
     return found
 

@@ -86,7 +86,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         contradictions = (
             (
                 self.platform and twin.regulator,
-                "no regulator under twin beside a platform, whose emulation.regulator counts",
+                "no regulator under twin beside a platform, which has its own regulator key",
             ),
             (
                 self.faults and not self.platform,

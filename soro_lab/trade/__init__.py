@@ -8,7 +8,7 @@ from soro_core._lazy import lazy
 
 if TYPE_CHECKING:
     from soro_lab.trade.candidate import Candidate
-    from soro_lab.trade.case import Case, bare_case, scene_case
+    from soro_lab.trade.case import TradeCase, bare_case, scene_case
     from soro_lab.trade.choice import with_chosen_model
     from soro_lab.trade.results import CandidateResult, Study
     from soro_lab.trade.study import Stopped, run_study
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
 __all__ = [
     "Candidate",
     "CandidateResult",
-    "Case",
     "Stopped",
     "Study",
+    "TradeCase",
     "bare_case",
     "run_study",
     "scene_case",
@@ -29,7 +29,7 @@ __getattr__ = lazy(
     __name__,
     {
         "Candidate": "soro_lab.trade.candidate",
-        "Case": "soro_lab.trade.case",
+        "TradeCase": "soro_lab.trade.case",
         "CandidateResult": "soro_lab.trade.results",
         "Stopped": "soro_lab.trade.study",
         "Study": "soro_lab.trade.results",

@@ -13,7 +13,7 @@ import numpy as np
 
 from soro_lab.scene import Scene
 from soro_lab.trade.candidate import Candidate
-from soro_lab.trade.case import Case
+from soro_lab.trade.case import TradeCase
 from soro_lab.trade.sources import sources
 
 
@@ -60,7 +60,7 @@ def user_folder() -> Path:
     return Path(user) / "soro" / "trade"
 
 
-def case_key(case: Case) -> str:
+def case_key(case: TradeCase) -> str:
     """Return the hash of a robot and a run, without the length of a tick."""
     arrays = b"".join(np.ascontiguousarray(a).tobytes() for a in (case.knots_s, case.pressure_pa))
     return _digest(
@@ -93,12 +93,12 @@ def error_key(case: str, reference: str, candidate: Candidate) -> str:
     return "error-" + _digest(case=case, reference=reference, candidate=candidate.section)
 
 
-def cost_key(case: Case, candidate: Candidate, repeats: int) -> str:
+def cost_key(case: TradeCase, candidate: Candidate, repeats: int) -> str:
     """Return the key of the cost of a candidate on this machine.
 
     Parameters
     ----------
-    case : Case
+    case : TradeCase
         Run and length of a tick.
     candidate : Candidate
         Discretisation, stepper and step.

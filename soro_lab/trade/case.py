@@ -25,7 +25,7 @@ FREE_BEND_RAD = 1.0
 
 
 @dataclass(frozen=True)
-class Case:
+class TradeCase:
     """A run that every candidate computes; it can be pickled.
 
     Attributes
@@ -99,7 +99,7 @@ class Case:
         return uniform * [self.start.get(name, 0.0) for name in names]
 
 
-def bare_case(robot: Robot, seconds: float = 1.0) -> Case:
+def bare_case(robot: Robot, seconds: float = 1.0) -> TradeCase:
     """Return the standard run of a robot without a scene.
 
     With chambers: from rest, the first chamber of each link rises to half of the robot's range of pressure
@@ -115,7 +115,7 @@ def bare_case(robot: Robot, seconds: float = 1.0) -> Case:
         modes = not all(link.splits for link in robot.links)
         near = ", as near as its modes allow" if modes else " in total"
         text = f"release from a uniform bend of {FREE_BEND_RAD:g} rad{near}; {seconds:g} s"
-        return Case(robot, text, np.zeros(1), none, seconds, start=start)
+        return TradeCase(robot, text, np.zeros(1), none, seconds, start=start)
     low, high = robot.pressure_range_pa
     half = 0.5 * (max(low, 0.0) + high)
     first = np.zeros(robot.n_u)
@@ -132,10 +132,10 @@ def bare_case(robot: Robot, seconds: float = 1.0) -> Case:
         f"from rest, the first chamber of each link to {half / 1e3:g} kPa, the second too at {third:g} s, "
         f"all released at {2 * third:g} s, each within {1e3 * RISE_S:g} ms; {seconds:g} s"
     )
-    return Case(robot, text, knots, table, seconds)
+    return TradeCase(robot, text, knots, table, seconds)
 
 
-def scene_case(scene: Scene, seconds: float = 4.0) -> Case:
+def scene_case(scene: Scene, seconds: float = 4.0) -> TradeCase:
     """Return the run of a scene: the pressures of its closed loop in simulation, from rest.
 
     Estimator and controller with the robot of the robot file control the twin of the scene once. Every
@@ -160,7 +160,7 @@ def scene_case(scene: Scene, seconds: float = 4.0) -> Case:
         f"from rest, the chamber pressures that the loop of scene {scene.name} makes in simulation "
         f"(as its file has the robot), open loop; {seconds:g} s"
     )
-    return Case(
+    return TradeCase(
         robot,
         text,
         record.t[::every],

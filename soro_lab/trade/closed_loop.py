@@ -68,7 +68,7 @@ def drive(scene: Scene, model: Discretisation, seconds: float, plant: TwinConfig
     """
     changes: dict[str, object] = {"pressures": "regulators", "plant_link": ""}
     if scene.loaded_platform:
-        changes["regulator"] = scene.loaded_platform.emulation.regulator
+        changes["regulator"] = scene.loaded_platform.regulator
     twin = Twin(scene.loaded_robot, with_changes(plant or scene.twin_node(), **changes))
     n = round(seconds * scene.rate_hz)
     t, spent, distance = np.zeros(n), np.zeros(n), np.full(n, np.nan)

@@ -12,7 +12,7 @@ import numpy as np
 from soro_core.integrate import make_stepper, simulate
 from soro_core.model.discretised import discretised
 from soro_lab.trade.candidate import Candidate
-from soro_lab.trade.case import Case
+from soro_lab.trade.case import TradeCase
 
 # The minimum of several equal ticks is free of interruptions.
 _TICK_REPEATS = 3
@@ -47,12 +47,12 @@ class Cost:
     repeats: int
 
 
-def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
+def measure(case: TradeCase, candidate: Candidate, repeats: int = 3) -> Cost:
     """Measure the CPU times of a candidate in this process, which should be otherwise idle.
 
     Parameters
     ----------
-    case : Case
+    case : TradeCase
         Run.
     candidate : Candidate
         Discretisation, stepper and step.
@@ -69,18 +69,18 @@ def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
         If the run fails.
     """
     warm(case, candidate)
-    begun = time.process_time()
+    start_s = time.process_time()
     arm = discretised(case.robot, candidate.model)
     stepper = make_stepper(candidate.integrator, arm)
     stepper.step(stepper.initial_state(), np.zeros(arm.n_u), candidate.dt_s)
-    startup = time.process_time() - begun
+    startup = time.process_time() - start_s
     dt_s = case.step_s(candidate.dt_s)
     start = case.initial(arm)
     times = dt_s * np.arange(max(1, round(case.t_end / dt_s)) + 1, dtype=np.float64)
     table = case.pressures(times)
     seconds: list[float] = []
     for _ in range(repeats):
-        begun = time.process_time()
+        start_s = time.process_time()
         simulate(
             arm,
             start,
@@ -89,7 +89,7 @@ def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
             integrator=candidate.integrator,
             pressure=table,
         )
-        seconds.append(time.process_time() - begun)
+        seconds.append(time.process_time() - start_s)
         if seconds[-1] > _LONG_RUN_S:
             break
     worst, typical = _ticks(case, candidate, start)
@@ -103,14 +103,14 @@ def measure(case: Case, candidate: Candidate, repeats: int = 3) -> Cost:
     )
 
 
-def warm(case: Case, candidate: Candidate) -> None:
+def warm(case: TradeCase, candidate: Candidate) -> None:
     """Compile the kernels of a candidate, or load them from the cache."""
     arm = discretised(case.robot, candidate.model)
     stepper = make_stepper(candidate.integrator, arm)
     stepper.step(stepper.initial_state(), np.zeros(arm.n_u), 1e-6)
 
 
-def _ticks(case: Case, candidate: Candidate, start: np.ndarray) -> tuple[float, float]:
+def _ticks(case: TradeCase, candidate: Candidate, start: np.ndarray) -> tuple[float, float]:
     """Return the longest and the median CPU time of a tick [us] in the first second."""
     arm = discretised(case.robot, candidate.model)
     stepper = make_stepper(candidate.integrator, arm)
@@ -123,9 +123,9 @@ def _ticks(case: Case, candidate: Candidate, start: np.ndarray) -> tuple[float, 
     for repeat in range(_TICK_REPEATS):
         state = stepper.initial_state(start)
         for tick in range(ticks):
-            begun = time.thread_time_ns()
+            start_ns = time.thread_time_ns()
             for k in range(tick * steps, (tick + 1) * steps):
                 state, _ = stepper.step(state, middle[k], h)
-            spent[repeat, tick] = 1e-3 * (time.thread_time_ns() - begun)
+            spent[repeat, tick] = 1e-3 * (time.thread_time_ns() - start_ns)
     least = spent.min(axis=0)
     return float(least.max()), float(np.median(least))

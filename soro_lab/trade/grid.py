@@ -15,7 +15,7 @@ from soro_lab.trade.case import SAMPLE_S
 
 
 @dataclass(frozen=True)
-class Grid:
+class CandidateGrid:
     """Values to combine.
 
     Attributes
@@ -47,8 +47,8 @@ class Grid:
 
 
 PRESETS = {
-    "quick": Grid((1, 2), (("legendre", 1, 1),), (0, 4), (10,), (0.01, 0.002), (0.01, 0.002), 12, 2),
-    "standard": Grid(
+    "quick": CandidateGrid((1, 2), (("legendre", 1, 1),), (0, 4), (10,), (0.01, 0.002), (0.01, 0.002), 12, 2),
+    "standard": CandidateGrid(
         (1, 2, 4, 8),
         (
             ("legendre", 1, 1),
@@ -64,7 +64,7 @@ PRESETS = {
         60,
         4,
     ),
-    "full": Grid(
+    "full": CandidateGrid(
         (1, 2, 4, 8, 16),
         tuple(
             (basis, order, links)
@@ -82,7 +82,7 @@ PRESETS = {
 }
 
 
-def within(grid: Grid, longest_s: float) -> Grid:
+def within(grid: CandidateGrid, longest_s: float) -> CandidateGrid:
     """Return the grid with `longest_s` [s], the tick of a twin, in place of longer steps."""
     dt_s = [dt for dt in grid.dt_s if dt <= longest_s * (1.0 + 1e-9)]
     if len(dt_s) == len(grid.dt_s):
@@ -97,7 +97,7 @@ def within(grid: Grid, longest_s: float) -> Grid:
     return replace(grid, dt_s=tuple(dt_s), coarse_dt_s=tuple(coarse_dt_s))
 
 
-def spaces(grid: Grid, robot: Robot) -> tuple[list[Discretisation], dict[str, str]]:
+def spaces(grid: CandidateGrid, robot: Robot) -> tuple[list[Discretisation], dict[str, str]]:
     """Return the discretisations that the robot allows, and why it does not allow the others.
 
     The first one is that of the robot file, if its strains vary along a link.
@@ -122,7 +122,7 @@ def spaces(grid: Grid, robot: Robot) -> tuple[list[Discretisation], dict[str, st
     return found, refused
 
 
-def quadratures(grid: Grid, space: Discretisation) -> Iterator[Discretisation]:
+def quadratures(grid: CandidateGrid, space: Discretisation) -> Iterator[Discretisation]:
     """Yield all methods with their numbers of nodes or steps for the shape functions of `space`."""
     for nodes in grid.nodes:
         yield with_changes(space, method="exact", nodes=nodes, steps=0)
@@ -130,12 +130,12 @@ def quadratures(grid: Grid, space: Discretisation) -> Iterator[Discretisation]:
         yield with_changes(space, method="mde", nodes=0, steps=steps)
 
 
-def size(grid: Grid, n_spaces: int, n_steppers: int) -> int:
+def size(grid: CandidateGrid, n_spaces: int, n_steppers: int) -> int:
     """Return the number of all combinations.
 
     Parameters
     ----------
-    grid : Grid
+    grid : CandidateGrid
         Values to combine.
     n_spaces, n_steppers : int
         Numbers of discretisations in space, and of time steppers.
@@ -147,12 +147,12 @@ def size(grid: Grid, n_spaces: int, n_steppers: int) -> int:
     return n_spaces * (len(grid.nodes) + len(grid.steps)) * n_steppers * len(grid.dt_s)
 
 
-def coarse(grid: Grid, found: Sequence[Discretisation], steppers: Sequence[str]) -> list[Candidate]:
+def coarse(grid: CandidateGrid, found: Sequence[Discretisation], steppers: Sequence[str]) -> list[Candidate]:
     """Return the candidates of the first pass: default quadrature at a few time steps, and `mde` once.
 
     Parameters
     ----------
-    grid : Grid
+    grid : CandidateGrid
         Values to combine.
     found : sequence of Discretisation
         Discretisations that the robot allows.
@@ -171,12 +171,12 @@ def coarse(grid: Grid, found: Sequence[Discretisation], steppers: Sequence[str])
     ]
 
 
-def around(grid: Grid, good: Iterable[Candidate], done: Iterable[Candidate]) -> list[Candidate]:
+def around(grid: CandidateGrid, good: Iterable[Candidate], done: Iterable[Candidate]) -> list[Candidate]:
     """Return the candidates of the second pass: other steps and quadratures near the front, in turns.
 
     Parameters
     ----------
-    grid : Grid
+    grid : CandidateGrid
         Values to combine.
     good : iterable of Candidate
         Candidates near the front.

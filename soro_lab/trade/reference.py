@@ -16,8 +16,8 @@ from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
 from soro_lab.trade.candidate import Candidate
-from soro_lab.trade.case import SAMPLE_S, Case
-from soro_lab.trade.trace import Errors, Trace, errors, trace
+from soro_lab.trade.case import SAMPLE_S, TradeCase
+from soro_lab.trade.trace import Errors, TradeTrace, errors, trace
 
 # The second stepper is for runs in which Newton's iteration of the first fails.
 _STEPPERS = ("trapezoidal", "rk4")
@@ -26,14 +26,14 @@ _FIRST_DT_S = 1e-3
 
 
 @dataclass(frozen=True)
-class Reference:
+class ReferenceRun:
     """A converged run.
 
     Attributes
     ----------
     candidate : Candidate
         Discretisation, stepper and step.
-    trace : Trace
+    trace : TradeTrace
         The run.
     own : Errors
         Estimate of its own errors, from the last two refinements in space and in time.
@@ -46,7 +46,7 @@ class Reference:
     """
 
     candidate: Candidate
-    trace: Trace
+    trace: TradeTrace
     own: Errors
     asked: float
     note: str
@@ -64,13 +64,13 @@ class Reference:
         return {**vars(self), "candidate": candidate, "trace": run, "own": vars(self.own)}
 
     @classmethod
-    def from_dict(cls, data: Mapping[str, Any]) -> Reference:
+    def from_dict(cls, data: Mapping[str, Any]) -> ReferenceRun:
         """Return the reference from the values of `as_dict`."""
         candidate, run = data["candidate"], data["trace"]
         candidate = {**candidate, "model": Discretisation.model_validate(candidate["model"])}
         run = {**run, "places": np.array(run["places"]), "energy": np.array(run["energy"])}
         own = Errors(**data["own"])
-        parts = {"candidate": Candidate(**candidate), "trace": Trace(**run), "own": own}
+        parts = {"candidate": Candidate(**candidate), "trace": TradeTrace(**run), "own": own}
         return cls(**{**data, **parts})
 
 
@@ -97,17 +97,17 @@ def spaces(robot: Robot) -> tuple[list[Discretisation], str, str]:
 
 
 def converge(
-    case: Case,
+    case: TradeCase,
     tolerance: float,
     say: Callable[[str], None] = lambda text: None,
     stop: Callable[[], bool] = lambda: False,
     patience_s: float = 120.0,
-) -> Reference:
+) -> ReferenceRun:
     """Refine until successive refinements move the tip by less than `tolerance` (RMS, % of the length).
 
     Parameters
     ----------
-    case : Case
+    case : TradeCase
         Run.
     tolerance : float
         Tolerance of the tip, % of the length; the error of the time step may be a quarter of it.
@@ -120,7 +120,7 @@ def converge(
 
     Returns
     -------
-    Reference
+    ReferenceRun
 
     Raises
     ------
@@ -133,8 +133,8 @@ def converge(
         return stop() or time.process_time() > deadline
 
     levels, note, unknown = spaces(case.robot)
-    found: list[tuple[Candidate, Trace, Errors]] = []
-    best: Reference | None = None
+    found: list[tuple[Candidate, TradeTrace, Errors]] = []
+    best: ReferenceRun | None = None
     dt_s = _FIRST_DT_S
     for model in levels:
         try:
@@ -151,7 +151,7 @@ def converge(
         for (_, before, _), (_, after, _) in pairwise(found[-2:]):
             moved = errors(before, after, case.robot.length)
             total = _sum(moved, own)
-            best = Reference(candidate, run, total, tolerance, note, unknown)
+            best = ReferenceRun(candidate, run, total, tolerance, note, unknown)
         if best is not None and best.converged:
             return best
         if enough():
@@ -164,21 +164,21 @@ def converge(
 
 
 def _in_time(
-    case: Case,
+    case: TradeCase,
     arm: SoftArm,
     model: Discretisation,
     dt_s: float,
     tolerance: float,
     say: Callable[[str], None],
     enough: Callable[[], bool],
-) -> tuple[Candidate, Trace, Errors]:
+) -> tuple[Candidate, TradeTrace, Errors]:
     """Halve the step until two runs agree; return the finer one and their difference."""
     failure = "no stepper"
     for integrator in _STEPPERS:
         if integrator not in STEPPERS:
             continue
-        before: Trace | None = None
-        last: tuple[Candidate, Trace, Errors] | None = None
+        before: TradeTrace | None = None
+        last: tuple[Candidate, TradeTrace, Errors] | None = None
         for dt in halvings(dt_s):
             candidate = Candidate(model, integrator, dt)
             say(f"reference: {candidate}")

@@ -8,10 +8,10 @@ from typing import Any
 
 from soro_lab.scene import Requirement
 from soro_lab.trade.candidate import Candidate
-from soro_lab.trade.case import Case
+from soro_lab.trade.case import TradeCase
 from soro_lab.trade.cost import Cost
 from soro_lab.trade.pareto import pareto
-from soro_lab.trade.reference import Reference
+from soro_lab.trade.reference import ReferenceRun
 from soro_lab.trade.slow_metrics import LoopError
 from soro_lab.trade.trace import Errors
 
@@ -22,7 +22,7 @@ class CandidateResult:
 
     candidate: Candidate
     errors: Errors | None
-    trouble: str = ""
+    failure: str = ""
     cost: Cost | None = None
     loop: LoopError | None = None
     measured_per_m: float | None = None
@@ -57,9 +57,9 @@ class CandidateResult:
 class Study:
     """Results of a study."""
 
-    case: Case
+    case: TradeCase
     requirement: Requirement
-    reference: Reference
+    reference: ReferenceRun
     rows: tuple[CandidateResult, ...]
     combinations: int
     """All combinations of the grid."""
@@ -125,7 +125,7 @@ class Study:
                 {
                     "model": row.candidate.section,
                     "errors_percent": row.errors and asdict(row.errors),
-                    "trouble": row.trouble,
+                    "trouble": row.failure,
                     "cost": row.cost and asdict(row.cost),
                     "closed_loop": row.loop and asdict(row.loop),
                     "measured_curvature_rms_per_m": row.measured_per_m,

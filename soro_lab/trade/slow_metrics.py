@@ -18,7 +18,7 @@ from soro_core.robot.discretisation import EXPLICIT
 from soro_lab.identification import curvature_errors
 from soro_lab.scene import Scene
 from soro_lab.trade.candidate import Candidate
-from soro_lab.trade.case import Case
+from soro_lab.trade.case import TradeCase
 from soro_lab.trade.closed_loop import drive
 
 # Time of the closed loop after the smooth start of the reference [s].
@@ -91,7 +91,7 @@ def closed_loop(scene: Scene, model: Discretisation, truth: Candidate) -> LoopEr
     return LoopError(1e3 * error, float(ticks.max()), float(np.median(ticks)))
 
 
-def measured_error(case: Case, candidate: Candidate) -> float | None:
+def measured_error(case: TradeCase, candidate: Candidate) -> float | None:
     """Return the RMS difference [1/m] of measured and simulated curvature of the first link.
 
     The measured pressures act on the chambers; the robot's `calibration` turns the mean curvature of the
@@ -105,7 +105,7 @@ def measured_error(case: Case, candidate: Candidate) -> float | None:
         begin = float(run.t[0])
         steps = int((run.t[-1] - begin) / candidate.dt_s)
         times = np.arange(steps + 1, dtype=np.float64) * candidate.dt_s
-        clock = Case(case.robot, "", run.t - begin, run.pressure, float(times[-1]))
+        clock = TradeCase(case.robot, "", run.t - begin, run.pressure, float(times[-1]))
         result = simulate(
             arm,
             equilibrium(arm, run.pressure[0]),

@@ -14,11 +14,11 @@ from soro_lab.scene import Requirement
 from soro_lab.trade import cache as keys
 from soro_lab.trade.cache import Cache
 from soro_lab.trade.candidate import Candidate
-from soro_lab.trade.case import Case
+from soro_lab.trade.case import TradeCase
 from soro_lab.trade.cost import Cost, measure, warm
-from soro_lab.trade.grid import Grid, around, coarse, size, spaces, within
+from soro_lab.trade.grid import CandidateGrid, around, coarse, size, spaces, within
 from soro_lab.trade.pareto import near_front, pareto
-from soro_lab.trade.reference import Reference, converge
+from soro_lab.trade.reference import ReferenceRun, converge
 from soro_lab.trade.results import CandidateResult, Study
 from soro_lab.trade.slow_metrics import LoopError, closed_loop, loop_seconds, measured_error
 from soro_lab.trade.trace import Errors
@@ -35,8 +35,8 @@ class Stopped(Exception):  # noqa: N818 -- no error: the user asks for it
 
 
 def run_study(
-    case: Case,
-    grid: Grid,
+    case: TradeCase,
+    grid: CandidateGrid,
     requirement: Requirement,
     workers: Workers,
     cache: Cache | None = None,
@@ -48,9 +48,9 @@ def run_study(
 
     Parameters
     ----------
-    case : Case
+    case : TradeCase
         Run.
-    grid : Grid
+    grid : CandidateGrid
         Values to combine.
     requirement : Requirement
         Required error or time.
@@ -85,8 +85,8 @@ class _Run:
 
     def __init__(
         self,
-        case: Case,
-        grid: Grid,
+        case: TradeCase,
+        grid: CandidateGrid,
         requirement: Requirement,
         workers: Workers,
         cache: Cache | None,
@@ -123,10 +123,10 @@ class _Run:
             self.case, self.requirement, self.reference, rows, combinations, refused, stopped=self.stop()
         )
 
-    def _reference(self, tolerance: float) -> Reference:
+    def _reference(self, tolerance: float) -> ReferenceRun:
         key = keys.reference_key(self.key)
         stored = self._cached(key)
-        known = None if stored is None else Reference.from_dict(stored)
+        known = None if stored is None else ReferenceRun.from_dict(stored)
         # Also if an earlier study asked for a smaller tolerance and did not reach it.
         if known is not None and min(known.own.tip, known.asked) <= tolerance:
             return replace(known, asked=tolerance)
@@ -170,8 +170,8 @@ class _Run:
             self._note(outcome, reference)
 
     def _note(self, outcome: Outcome, reference: str) -> None:
-        self.rows[outcome.candidate] = CandidateResult(outcome.candidate, outcome.errors, outcome.trouble)
-        value = {"errors": outcome.errors and asdict(outcome.errors), "trouble": outcome.trouble}
+        self.rows[outcome.candidate] = CandidateResult(outcome.candidate, outcome.errors, outcome.failure)
+        value = {"errors": outcome.errors and asdict(outcome.errors), "trouble": outcome.failure}
         self._keep(keys.error_key(self.key, reference, outcome.candidate), value)
 
     def _costs(self, text: str) -> None:

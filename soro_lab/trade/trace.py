@@ -14,7 +14,7 @@ from soro_core.errors import ModelError
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
-from soro_lab.trade.case import SAMPLE_S, Case
+from soro_lab.trade.case import SAMPLE_S, TradeCase
 
 # Candidates above this CPU time of a simulated second [s] are left out, judged by the first `PILOT_S` [s].
 SLOWEST = 5.0
@@ -24,7 +24,7 @@ STATIONS = (0.2, 0.4, 0.6, 0.8, 1.0)  # relative to the arm's length
 
 
 @dataclass(frozen=True)
-class Trace:
+class TradeTrace:
     """A run at evenly spaced times from 0.
 
     Attributes
@@ -63,12 +63,12 @@ class Errors:
     frequency: float | None
 
 
-def trace(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> Trace:
+def trace(case: TradeCase, arm: SoftArm, integrator: str, dt_s: float) -> TradeTrace:
     """Simulate a case and sample it.
 
     Parameters
     ----------
-    case : Case
+    case : TradeCase
         Start and pressures.
     arm : SoftArm
         Model.
@@ -79,7 +79,7 @@ def trace(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> Trace:
 
     Returns
     -------
-    Trace
+    TradeTrace
 
     Raises
     ------
@@ -100,11 +100,11 @@ def trace(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> Trace:
     places = np.array([[arm.pose(row, part * arm.length)[:3, 3] for part in STATIONS] for row in q])
     energy = np.array([total_energy(arm, row, rate) for row, rate in zip(q, qd, strict=True)])
     if case.start is None:
-        return Trace(places, energy, first_frequency_hz(arm, start, case.pressure_pa[0]))
-    return Trace(places, energy, first_frequency_hz(arm, rest(arm)))
+        return TradeTrace(places, energy, first_frequency_hz(arm, start, case.pressure_pa[0]))
+    return TradeTrace(places, energy, first_frequency_hz(arm, rest(arm)))
 
 
-def too_slow(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> str:
+def too_slow(case: TradeCase, arm: SoftArm, integrator: str, dt_s: float) -> str:
     """Return why a candidate is too slow, judged by the first part of the run; "" if it is not.
 
     An error-controlled stepper on a stiff arm takes thousands of internal steps for each step.
@@ -116,7 +116,7 @@ def too_slow(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> str:
     """
     times = time_grid(case, dt_s)
     times = times[: max(2, min(times.size, 1 + round(PILOT_S / dt_s)))]
-    begun = time.process_time()
+    start_s = time.process_time()
     with contextlib.suppress(ModelError):  # the whole run reports the error
         simulate(
             arm,
@@ -126,11 +126,11 @@ def too_slow(case: Case, arm: SoftArm, integrator: str, dt_s: float) -> str:
             integrator=integrator,
             pressure=case.pressures(times),
         )
-    spent = (time.process_time() - begun) / times[-1]
+    spent = (time.process_time() - start_s) / times[-1]
     return f"too slow: takes more than {SLOWEST:g} s a simulated second" if spent > SLOWEST else ""
 
 
-def time_grid(case: Case, dt_s: float) -> Array:
+def time_grid(case: TradeCase, dt_s: float) -> Array:
     """Return the times of the steps (n_t,) [s]; all candidates end at the same whole sample."""
     n = round(case.t_end / SAMPLE_S) * round(SAMPLE_S / dt_s)
     times: Array = np.arange(n + 1, dtype=np.float64) * dt_s
@@ -138,12 +138,12 @@ def time_grid(case: Case, dt_s: float) -> Array:
     return times
 
 
-def errors(found: Trace, truth: Trace, length: float) -> Errors:
+def errors(found: TradeTrace, truth: TradeTrace, length: float) -> Errors:
     """Return the errors of a run.
 
     Parameters
     ----------
-    found, truth : Trace
+    found, truth : TradeTrace
         The run and the reference.
     length : float
         Length of the arm [m].

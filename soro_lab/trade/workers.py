@@ -14,8 +14,8 @@ from typing import Any, Protocol
 from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.model.discretised import discretised
 from soro_lab.trade.candidate import Candidate
-from soro_lab.trade.case import Case
-from soro_lab.trade.trace import Errors, Trace, errors, too_slow, trace
+from soro_lab.trade.case import TradeCase
+from soro_lab.trade.trace import Errors, TradeTrace, errors, too_slow, trace
 
 _POLL_S = 0.2
 _CONNECT_S = 5.0
@@ -27,17 +27,17 @@ class Outcome:
 
     candidate: Candidate
     errors: Errors | None
-    trouble: str = ""
+    failure: str = ""
 
 
-def compute(case: Case, truth: Trace, candidate: Candidate) -> Outcome:
+def compute(case: TradeCase, truth: TradeTrace, candidate: Candidate) -> Outcome:
     """Compute the errors of one candidate.
 
     Parameters
     ----------
-    case : Case
+    case : TradeCase
         Start and pressures.
-    truth : Trace
+    truth : TradeTrace
         Reference.
     candidate : Candidate
         Discretisation, stepper and step.
@@ -60,15 +60,15 @@ class Workers(Protocol):
     """Computes the errors of candidates."""
 
     def run(
-        self, case: Case, truth: Trace, candidates: Sequence[Candidate], stop: Callable[[], bool]
+        self, case: TradeCase, truth: TradeTrace, candidates: Sequence[Candidate], stop: Callable[[], bool]
     ) -> Iterator[Outcome]:
         """Yield the outcomes in the order of completion.
 
         Parameters
         ----------
-        case : Case
+        case : TradeCase
             Start and pressures.
-        truth : Trace
+        truth : TradeTrace
             Reference.
         candidates : sequence of Candidate
             Candidates.
@@ -86,7 +86,7 @@ class Here:
     """Computes one candidate after the other in this process."""
 
     def run(
-        self, case: Case, truth: Trace, candidates: Sequence[Candidate], stop: Callable[[], bool]
+        self, case: TradeCase, truth: TradeTrace, candidates: Sequence[Candidate], stop: Callable[[], bool]
     ) -> Iterator[Outcome]:
         """Yield the outcomes in the order of completion; parameters as in `Workers.run`."""
         for candidate in candidates:
@@ -105,7 +105,7 @@ class Processes:
         self.jobs = jobs
 
     def run(
-        self, case: Case, truth: Trace, candidates: Sequence[Candidate], stop: Callable[[], bool]
+        self, case: TradeCase, truth: TradeTrace, candidates: Sequence[Candidate], stop: Callable[[], bool]
     ) -> Iterator[Outcome]:
         """Yield the outcomes in the order of completion; parameters as in `Workers.run`."""
         context = multiprocessing.get_context("spawn")
@@ -149,7 +149,7 @@ class Dask:
             raise ConfigError("--dask", "", address, allowed) from None
 
     def run(
-        self, case: Case, truth: Trace, candidates: Sequence[Candidate], stop: Callable[[], bool]
+        self, case: TradeCase, truth: TradeTrace, candidates: Sequence[Candidate], stop: Callable[[], bool]
     ) -> Iterator[Outcome]:
         """Yield the outcomes in the order of completion; parameters as in `Workers.run`."""
         import distributed

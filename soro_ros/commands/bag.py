@@ -15,7 +15,7 @@ from soro_lab.run_folder import bag_of
 
 if TYPE_CHECKING:
     from soro_lab.bag import BagReader, PartRepair, Qos
-    from soro_lab.bag.mcap.part import Part
+    from soro_lab.bag.mcap.part import BagFile
 
 app = typer.Typer(no_args_is_help=True)
 BAG_HELP = "Folder of a bag (rosbag2) or of a run, or a single .mcap or .db3 file."
@@ -152,7 +152,7 @@ def _print_info(console: Console, reader: BagReader, full: bool) -> None:
         console.print(f"'soro bag repair {reader.path}' completes it", highlight=False, soft_wrap=True)
 
 
-def _about(part: Part) -> str:
+def _about(part: BagFile) -> str:
     packed = f", {part.compression} chunks" if part.compression else ""
     return f"{part.path.name}: {_size(part.size)}, {part.message_count} messages{packed}"
 

@@ -23,7 +23,7 @@ from soro_ros.run.execution import ROUND_S, End, Stall, execute, make_folder, pr
 if TYPE_CHECKING:
     from soro_lab.excitation.procedure import Excitation
     from soro_ros.run.compose import Run
-    from soro_ros.run.supervisor import Supervisor
+    from soro_ros.run.supervisor import RunMonitor
 
 # The clock of a simulated arm ends so long after the excitation [s].
 MARGIN_S = 1.0
@@ -194,7 +194,7 @@ class _Watch:
         self.values: dict[str, str] = {}
         self.time_s = 0.0
 
-    def __call__(self, run: Run, supervisor: Supervisor, scene: Scene, console: Console) -> None:
+    def __call__(self, run: Run, supervisor: RunMonitor, scene: Scene, console: Console) -> None:
         columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[left]}"))
         with Progress(*columns, console=console) as progress:
             task, stall, asked = progress.add_task(scene.name, total=self._longest_s, left=""), Stall(), False
@@ -222,7 +222,7 @@ class _Watch:
     def _left_s(self) -> float:
         return float(self.values.get("left_s", self._longest_s))
 
-    def _note(self, supervisor: Supervisor) -> None:
+    def _note(self, supervisor: RunMonitor) -> None:
         self.values = supervisor.values("exciter")
         self.time_s = float(self.values.get("time_s", 0.0))
         if self.values.get("phase") != "over":  # the clock of lockstep, 0 in real time, is ahead of them

@@ -66,8 +66,8 @@ def first_pressure(
     from soro_core.errors import ConfigError
     from soro_hardware.families import load_platform
     from soro_hardware.hil import report
-    from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
-    from soro_hardware.hil.plan import FirstPressureConfig, Plan
+    from soro_hardware.hil.paced import CycleSample, PacedRegulator, small_limits
+    from soro_hardware.hil.plan import FirstPressureConfig, HilPlan
     from soro_hardware.hil.pressurise import directions, expectation, pressurise
 
     if (pose or ask) and not robot:
@@ -84,8 +84,8 @@ def first_pressure(
     regulator = regulator_of(loaded, platform, device, lockstep)
     limits = small_limits(loaded, config.steps_pa[-1], config.rise_pa_s)
     expected = expectation(loaded, regulator.update_hz, config, _robot(robot))
-    plan = Plan(config, expected, confirm=not yes, directions=directions(expected) if ask else ())
-    samples: list[Sample] = []
+    plan = HilPlan(config, expected, confirm=not yes, directions=directions(expected) if ask else ())
+    samples: list[CycleSample] = []
     most, trip = limits.maximum_pa / 1e3, limits.over_pressure_pa / 1e3
     typer.echo(f"limits: set points up to {most:g} kPa, trip above {trip:g} kPa; Ctrl-C vents", err=True)
     # A Ctrl-C while nothing moves yet, at the wait for a first pose, ends it at once.
@@ -175,7 +175,7 @@ def latency(
                 typer.echo(f"soro: {error}", err=True)
                 raise typer.Exit(130) from None
     found = evaluate(config, regulator.chamber_names, loaded.cycle_hz, runs)
-    findings = compare(found, loaded.emulation.regulator, min(loaded.cycle_hz, regulator.update_hz))
+    findings = compare(found, loaded.regulator, min(loaded.cycle_hz, regulator.update_hz))
     about, title = _about(platform, device or loaded.device), f"Latency of {platform}"
     show_rows(title, report.LATENCY_HEAD, report.latency_rows(found))
     typer.echo(

@@ -115,7 +115,7 @@ def vent(
         if not found:
             raise _none(caller, "vent", node)
         for name, one in calls.items():
-            typer.echo(f"{name}: {one.trouble(timeout_s)}: does its process run?", err=True)
+            typer.echo(f"{name}: {one.failure(timeout_s)}: does its process run?", err=True)
         if not (node or has_driver or caller.offering("vent", READINGS)):
             # After the driver was killed, a controller may still report success.
             raise SoroError(f"no node in {caller.domain} drives the valves, so none was vented; {_RUNNING}")

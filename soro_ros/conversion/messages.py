@@ -88,7 +88,7 @@ def pressures(message: JointState, names: Sequence[str]) -> Array:
         return np.array(message.effort, dtype=np.float64)
     given = dict(zip(message.name, message.effort, strict=True))
     if set(given) != set(names) or len(given) != len(message.name):
-        raise ValueError(f"chambers {shown(sorted(message.name))}; expected {sorted(names)}")
+        raise ValueError(f"chambers {format_names(sorted(message.name))}; expected {sorted(names)}")
     return np.array([given[name] for name in names], dtype=np.float64)
 
 
@@ -98,7 +98,7 @@ def one_line(text: str) -> str:
     return line if len(line) <= _LONGEST_SHOWN else line[:_LONGEST_SHOWN] + " ..."
 
 
-def shown(names: Sequence[str]) -> str:
+def format_names(names: Sequence[str]) -> str:
     """Return names for a line of a log, of which a message may have any number, of any length."""
     return one_line(str(list(names[:20])))
 

@@ -27,7 +27,7 @@ _LONGEST, _WAITING = 1000, 1000
 _CLOSE_S = 2.0
 
 
-class Entry(NamedTuple):
+class LogEntry(NamedTuple):
     """One line of the log.
 
     Attributes
@@ -77,7 +77,7 @@ class EventLog:
 
     def __init__(self, arm: str, node: str, warn: Callable[[str], None]) -> None:
         self._arm, self._node, self._warn = arm, node, warn
-        self._waiting: queue.Queue[Entry | None] = queue.Queue(_WAITING)
+        self._waiting: queue.Queue[LogEntry | None] = queue.Queue(_WAITING)
         self._thread: threading.Thread | None = None
         self._last: tuple[str, str] | None = None
         self._repeated, self._lost = 0, 0
@@ -98,7 +98,7 @@ class EventLog:
             self._thread = threading.Thread(target=self._write_all, name="event log", daemon=True)
             self._thread.start()
         try:
-            self._waiting.put_nowait(Entry(_now(), self._arm, self._node, event, text))
+            self._waiting.put_nowait(LogEntry(_now(), self._arm, self._node, event, text))
             self._repeated, self._lost = 0, 0
         except queue.Full:  # of a disk that stands still; the node goes on
             self._lost, self._last = self._lost + 1, None
@@ -127,7 +127,7 @@ class EventLog:
                     self._warn(f"no log of trips, resets and parameters in {folder()}: {error}")
 
 
-def entries() -> Iterator[Entry]:
+def entries() -> Iterator[LogEntry]:
     """Yield what is in the log, the newest last; lines of another form are left out.
 
     Raises
@@ -142,8 +142,8 @@ def entries() -> Iterator[Entry]:
             continue
         for line in text.splitlines():
             parts = line.split("\t")
-            if len(parts) == len(Entry._fields):
-                yield Entry(*parts)
+            if len(parts) == len(LogEntry._fields):
+                yield LogEntry(*parts)
 
 
 def _with_left_out(text: str, counts: Mapping[str, int]) -> str:

@@ -94,7 +94,7 @@ class Listener:
         self._last_s: float | None = None
         self._is_closed = False
 
-    def trouble(self) -> str | None:
+    def failure(self) -> str | None:
         """Return why the arm must not go on; None while signs come, and before the first one."""
         if not self._is_closed:
             with contextlib.suppress(BlockingIOError):

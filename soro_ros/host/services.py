@@ -58,7 +58,7 @@ def call(
         while not calling.done():
             spin(_POLL_S)
             if time.monotonic() > deadline:
-                raise SoroError(calling.trouble(limit_s))
+                raise SoroError(calling.failure(limit_s))
         return calling.response
     finally:
         calling.close()
@@ -101,7 +101,7 @@ class Call:
         """The answer."""
         return self._future.result()
 
-    def trouble(self, waited_s: float) -> str:
+    def failure(self, waited_s: float) -> str:
         """Return why there is no answer yet."""
         found = "is not there" if self._future is None else f"did not answer within {waited_s:g} s"
         return f"service {self._service} {found}"

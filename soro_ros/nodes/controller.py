@@ -18,7 +18,7 @@ from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.ticks.enable_check import EnableCheck
 from soro_ros.topics.diagnostics import OK, WARN
 from soro_ros.topics.motion_job import REPLACED, STATUS, VENTED
-from soro_ros.topics.ports import Input, Ports, Publishers, subscribe
+from soro_ros.topics.ports import Input, NodeOutputs, Publishers, subscribe
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):
@@ -38,7 +38,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             for topic, kind in ControllerTicks.outputs.items()
         }
         publishers = Publishers(self, outputs)
-        ports = Ports(
+        ports = NodeOutputs(
             publishers.publish,
             lambda: int(self.get_clock().now().nanoseconds),
             self.get_logger().warning,

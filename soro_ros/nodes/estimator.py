@@ -19,7 +19,7 @@ from soro_ros.process.node_process import run_node
 from soro_ros.ticks.estimator_ticks import EstimatorTicks
 from soro_ros.topics.diagnostics import OK, WARN
 from soro_ros.topics.frame_check import FrameCheck
-from soro_ros.topics.ports import Ports, Publishers, is_read, subscribe
+from soro_ros.topics.ports import NodeOutputs, Publishers, is_read, subscribe
 from soro_ros.topics.transforms import ArmTransforms
 
 
@@ -30,11 +30,11 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
     node_name = "estimator"
 
     def setup(self, config: EstimatorNodeConfig) -> None:
-        self._config, lockstep, self._trouble = config, config.mode == "lockstep", ""
+        self._config, lockstep, self._failure = config, config.mode == "lockstep", ""
         loop = qos.loop(lockstep)
         outputs = {topic: (kind, loop) for topic, kind in EstimatorTicks.outputs.items()}
         publishers = Publishers(self, outputs)
-        ports = Ports(
+        ports = NodeOutputs(
             publishers.publish,
             warn=self._warn,
             report=self._report,
@@ -98,15 +98,15 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
     def _warn(self, line: str) -> None:
         self.get_logger().warning(line, throttle_duration_sec=1.0)
 
-    def _report(self, trouble: str) -> None:
+    def _report(self, failure: str) -> None:
         """Report at once what is new; where only its numbers change, once a second is enough."""
         warns = self.diagnostics.level == WARN
-        if bool(trouble) == warns and trouble == self._trouble:
+        if bool(failure) == warns and failure == self._failure:
             return
-        is_new = bool(trouble) != warns or _without_numbers(trouble) != _without_numbers(self._trouble)
-        self._trouble = trouble
+        is_new = bool(failure) != warns or _without_numbers(failure) != _without_numbers(self._failure)
+        self._failure = failure
         if is_new:
-            self.diagnostics.update(WARN if trouble else OK, trouble or "active")
+            self.diagnostics.update(WARN if failure else OK, failure or "active")
 
     def diagnose(self) -> None:
         values: dict[str, object] = {"malformed": self._ticks.malformed, **self._frames.values}
@@ -116,7 +116,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
                 fit = self.delays.fits.get(sensor)
                 values |= _values_of(name, self.state.monitors.get(sensor), fit)
         level, text = self.diagnostics.level, self.diagnostics.message
-        self.diagnostics.update(level, self._trouble if level == WARN and self._trouble else text, values)
+        self.diagnostics.update(level, self._failure if level == WARN and self._failure else text, values)
 
 
 class Turns:

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from soro_core.robot import load_robot
 from soro_lab.excitation.motion import Sample
-from soro_lab.excitation.procedure import Excitation, Tick, advance, initial_state, left_s
+from soro_lab.excitation.procedure import Excitation, ExcitationTick, advance, initial_state, left_s
 from soro_lab.scene import ExciterNodeConfig
 from soro_lab.scene.excitation import excitation_of
 from soro_ros.conversion import messages, qos
@@ -105,7 +105,7 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
                 samples = {}
         self._t_s = self._seconds(stamp_ns)
         answered, self._answered = self._answered, False
-        tick = Tick(self._t_s, samples, answered, self._stop)
+        tick = ExcitationTick(self._t_s, samples, answered, self._stop)
         self._state = state = advance(self._excitation, self._state, tick)
         self._announce(stamp_ns)
         if state.phase != "over" or not self._lockstep:
@@ -159,7 +159,7 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Begin; in real time only with samples of the arm."""
         response.success = self._lockstep or self._samples_seen > 0
-        without = "; ".join(filter(None, ("no sample of a sensor on the arm has come", self._frames.trouble)))
+        without = "; ".join(filter(None, ("no sample of a sensor on the arm has come", self._frames.refusal)))
         response.message = "enabled" if response.success else without
         self._enabled = self._enabled or response.success
         return response

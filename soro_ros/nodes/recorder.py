@@ -18,7 +18,7 @@ from soro_ros.conversion.interfaces import definition, message_class, offered, r
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.recorder.recorder_controls import RecorderControls
-from soro_ros.recorder.recorder_stream import Stream, essence
+from soro_ros.recorder.recorder_stream import RecordedTopic, essence
 from soro_ros.topics.diagnostics import ERROR, OK, WARN
 
 # Largest number of messages of a topic that are read at the end (Fast DDS keeps 5000 by default).
@@ -53,7 +53,7 @@ class Recorder(SoroNode[RecorderConfig]):
 
     def start(self) -> None:
         self._last_ns = 0
-        self._streams: dict[str, Stream] = {}
+        self._streams: dict[str, RecordedTopic] = {}
         self._refused: set[str] = set()
         folder = Path(self._config.folder or f"bag-{datetime.now():%Y%m%d-%H%M%S}").expanduser()
         self.diagnostics.hardware_id = folder.name
@@ -180,7 +180,7 @@ class Recorder(SoroNode[RecorderConfig]):
         if not self.clock_watch.has_time and request(offers).durability is DurabilityPolicy.TRANSIENT_LOCAL:
             return  # `_discover` subscribes when there is time, and its publishers send their messages again
         subscription, qos = self._subscription(name, kind, offers)
-        self._streams[name] = Stream(type_name, kind, subscription, qos)
+        self._streams[name] = RecordedTopic(type_name, kind, subscription, qos)
 
     def _subscription(
         self, name: str, kind: type[Any], offers: tuple[Qos, ...]

@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from soro_core.robot import load_robot
 from soro_core.twin.config import ShadowConfig
-from soro_core.twin.shadow import DIFFERENCES, Difference, Shadow, ShadowState
+from soro_core.twin.shadow import DIFFERENCES, PoseDifference, Shadow, ShadowState
 from soro_ros.conversion import messages, qos
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
@@ -37,7 +37,7 @@ class ShadowNode(SoroNode[ShadowConfig]):
         self.compile(self._warm_up)
         self._state = ShadowState()
         self._waiting: deque[PoseStamped] = deque(maxlen=100)
-        self._recent: deque[tuple[float, Difference]] = deque()
+        self._recent: deque[tuple[float, PoseDifference]] = deque()
         self._poses = self._compared = 0
         self._frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
         self._pose_s = -np.inf

@@ -61,7 +61,7 @@ class TwinNode(SoroNode[TwinConfig]):
         self._names = robot.chamber_names
         self.compile(self._warm_up)
         # Changes of the payload wait for ~/start, with which `soro run` begins control.
-        self._state = replace(self._twin.initial(), begun=None)
+        self._state = replace(self._twin.initial(), start_tick=None)
         self._period_ns = round(1e9 / config.rate_hz)
         self._epoch_ns = 0
         self._observed = -1
@@ -129,8 +129,8 @@ class TwinNode(SoroNode[TwinConfig]):
         self._link = self._faults = None
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._state.begun is None:
-            self._state = replace(self._state, begun=self._state.tick)
+        if self._state.start_tick is None:
+            self._state = replace(self._state, start_tick=self._state.tick)
         if not self._running:
             self._begin()
         response.success, response.message = True, "running"
@@ -153,7 +153,7 @@ class TwinNode(SoroNode[TwinConfig]):
         else:
             # Time continues at the last tick.
             self._epoch_ns = self.get_clock().now().nanoseconds - self._tick_ns()
-            self._begun = time.perf_counter() - self._state.tick / self._config.rate_hz
+            self._start_s = time.perf_counter() - self._state.tick / self._config.rate_hz
             self._skipped = 0
             self.every(1.0 / self._config.rate_hz, self._advance_real_time)
 
@@ -204,9 +204,8 @@ class TwinNode(SoroNode[TwinConfig]):
         return end > 0 and self._state.tick >= round(end * self._config.rate_hz)
 
     def _advance_real_time(self) -> None:
-        due = (
-            int((time.perf_counter() - self._begun) * self._config.rate_hz) - self._state.tick - self._skipped
-        )
+        passed = int((time.perf_counter() - self._start_s) * self._config.rate_hz)
+        due = passed - self._state.tick - self._skipped
         if due > CATCH_UP_TICKS:
             self._skipped += due - CATCH_UP_TICKS
             due = CATCH_UP_TICKS
@@ -264,7 +263,7 @@ class TwinNode(SoroNode[TwinConfig]):
         self._limiter.slew(self._slewed_ns)
 
     def _end_tick(self) -> None:
-        """Judge the readings and move the arm, once for each tick that has begun."""
+        """Judge the readings and move the arm, once for each tick that has started."""
         if self._slewed_ns is None:
             return
         now_ns, self._slewed_ns = self._slewed_ns, None

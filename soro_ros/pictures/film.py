@@ -17,7 +17,7 @@ from soro_core.robot import Robot, load_robot
 from soro_core.twin.config import described_plant
 from soro_core.twin.plant import true_robot
 from soro_lab.scene import Scene
-from soro_ros.recordings.recording import Recording
+from soro_ros.recordings.recording import RunRecording
 from soro_ros.recordings.report import pressure_bounds, read_run, tip_error
 from soro_ros.view.arm_shape import COLOURS, Camera, chambers, places, surface, walls
 
@@ -39,7 +39,7 @@ class Take:
 
     scene: Scene
     robot: Robot
-    recording: Recording
+    recording: RunRecording
     t: Array
     s: Array
     poses: Array
@@ -93,7 +93,7 @@ def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) 
     return Take(scene, robot, recording, t, s, poses, recording.reading.at(t), recording.command.at(t), most)
 
 
-class Picture:
+class AnimatedFigure:
     """One figure that shows one time of a take after the other."""
 
     def __init__(self, shown: Take, width_px: int = 800) -> None:
@@ -262,7 +262,7 @@ def write(shown: Take, file: Path, width_px: int = 800, colours: int = 96) -> No
     """
     from PIL import Image
 
-    picture = Picture(shown, width_px)
+    picture = AnimatedFigure(shown, width_px)
     images = [picture.at(k) for k in range(len(shown.t))]
     palette = _palette(images[:: max(1, len(images) // 8)], colours)
     frames = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
@@ -299,4 +299,4 @@ def still(shown: Take, file: Path, width_px: int = 800) -> None:
     """
     from PIL import Image
 
-    Image.fromarray(Picture(shown, width_px).at(len(shown.t) - 1)).save(file, optimize=True)
+    Image.fromarray(AnimatedFigure(shown, width_px).at(len(shown.t) - 1)).save(file, optimize=True)

@@ -11,7 +11,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_lab.scene import Scene
 from soro_ros.recordings.events import Event
-from soro_ros.recordings.recording import Recording, Series
+from soro_ros.recordings.recording import RunRecording, TopicSeries
 from soro_ros.recordings.report import WINDOW_S, tip_error, within
 from soro_ros.view.arm_shape import COLOURS
 
@@ -32,7 +32,7 @@ class View:
 
     Attributes
     ----------
-    recording : Recording
+    recording : RunRecording
     scene : Scene or None
         None where it is not known.
     begin_s, end_s : float
@@ -41,18 +41,18 @@ class View:
         Where `recording.true_tip` comes from: true, measured or estimated.
     """
 
-    recording: Recording
+    recording: RunRecording
     scene: Scene | None
     begin_s: float
     end_s: float
     kind: str
 
-    def shown(self, series: Series) -> Series:
+    def shown(self, series: TopicSeries) -> TopicSeries:
         """Return the samples in the time that is shown, broken where messages are missing."""
         if not series.t.size:
             return series
         inside = (series.t >= self.begin_s) & (series.t <= self.end_s)
-        return broken(Series(series.t[inside], series.value[inside], series.names))
+        return broken(TopicSeries(series.t[inside], series.value[inside], series.names))
 
     @property
     def error(self) -> tuple[Array, Array]:
@@ -62,7 +62,7 @@ class View:
         return t[inside], error[inside]
 
 
-def broken(series: Series) -> Series:
+def broken(series: TopicSeries) -> TopicSeries:
     """Return a series with a NaN in each gap, so that no line is drawn over what was not recorded.
 
     A gap is many times as long as the samples are usually apart.
@@ -73,7 +73,7 @@ def broken(series: Series) -> Series:
     gaps = np.flatnonzero(apart > _GAP * np.median(apart)) + 1
     between = 0.5 * (series.t[gaps - 1] + series.t[gaps])
     value = np.insert(series.value, gaps, np.nan, axis=0)
-    return Series(np.insert(series.t, gaps, between), value, series.names)
+    return TopicSeries(np.insert(series.t, gaps, between), value, series.names)
 
 
 class Panel(NamedTuple):
@@ -121,7 +121,7 @@ def draw_error(axis: Any, view: View) -> None:
 
 
 def _line(axis: Any, t: Array, value: Array, **style: Any) -> None:
-    shown = broken(Series(t, value[:, None]))
+    shown = broken(TopicSeries(t, value[:, None]))
     axis.plot(shown.t, shown.value[:, 0], lw=0.8, **style)
 
 
@@ -163,7 +163,7 @@ def draw_stretches(axis: Any, view: View) -> None:
     _draw_strains(axis, view, ("elongation", "shear"), "strain [%]", 100.0)
 
 
-def draw_estimates(axis: Any, recording: Recording) -> None:
+def draw_estimates(axis: Any, recording: RunRecording) -> None:
     """Draw the parameter estimates, each over its first value."""
     series = recording.estimates
     weights = [k for k, name in enumerate(series.names) if _is_weight(name)]

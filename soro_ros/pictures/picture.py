@@ -12,13 +12,13 @@ from soro_ros.conversion.units import symbol_of
 from soro_ros.pictures import panels
 from soro_ros.pictures.panels import MOST_NAMES, Panel, View, mark
 from soro_ros.recordings import shadow_report
-from soro_ros.recordings.recording import Recording
+from soro_ros.recordings.recording import RunRecording
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from soro_ros.recordings.events import Event
-    from soro_ros.recordings.selection import Field
+    from soro_ros.recordings.selection import FieldSeries
 
 # Distance of a legend from its axes, which leaves room for the numbers and the name of the axis [inches].
 _LEGEND_IN = 0.6
@@ -27,12 +27,12 @@ _MOST_EVENTS = 8
 _RUN = (panels.PATH, panels.ERROR, panels.PRESSURES, panels.ESTIMATES)
 
 
-def draw(recording: Recording, scene: Scene, file: Path) -> None:
+def draw(recording: RunRecording, scene: Scene, file: Path) -> None:
     """Draw a run: tip and reference, error, pressures, parameter estimates.
 
     Parameters
     ----------
-    recording : Recording
+    recording : RunRecording
         Of `soro_ros.recordings.report.read_run`.
     scene : Scene
         Scene of the run.
@@ -106,20 +106,20 @@ def _tell(figure: Figure, events: Sequence[Event], width: int) -> None:
 
 
 def picture_of_fields(
-    fields: Sequence[Field], begin_s: float | None, end_s: float | None, events: Sequence[Event] = ()
+    fields: Sequence[FieldSeries], begin_s: float | None, end_s: float | None, events: Sequence[Event] = ()
 ) -> Figure:
     """Return chosen fields over time, one above the other: a panel for each unit of each topic.
 
     Parameters
     ----------
-    fields : sequence of Field
+    fields : sequence of FieldSeries
         At least one.
     begin_s, end_s : float or None
         Time [s] that is shown; None for all.
     events : sequence of Event
         What is marked.
     """
-    groups: dict[tuple[str, str], list[Field]] = {}
+    groups: dict[tuple[str, str], list[FieldSeries]] = {}
     for field in fields:
         groups.setdefault((field.topic, field.unit), []).append(field)
     figure, axes = _axes(len(groups), 1, (10, 3.6 * len(groups)), sharex=True)

@@ -12,7 +12,7 @@ from soro_lab.run_folder import bag_and_scene, bag_of
 from soro_lab.scene import Scene, load_scene
 from soro_ros.pictures.panels import View
 from soro_ros.recordings import report
-from soro_ros.recordings.recording import Recording, Spans, arms, recorded
+from soro_ros.recordings.recording import RunRecording, Spans, arms, recorded
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class OpenRun:
         Namespace of the arm; "" for none before its topics.
     scene : Scene or None
     scene_file : Path or None
-    recording : Recording
+    recording : RunRecording
         As the scene, if any, says what it was.
     view : View
     """
@@ -39,7 +39,7 @@ class OpenRun:
     arm: str
     scene: Scene | None
     scene_file: Path | None
-    recording: Recording
+    recording: RunRecording
     view: View
 
 
@@ -135,7 +135,7 @@ def _arm(reader: BagReader, given: str | None, scene: Scene | None) -> str:
     return known[0]
 
 
-def _with_a_tip(recording: Recording, scene: Scene | None) -> tuple[Recording, str]:
+def _with_a_tip(recording: RunRecording, scene: Scene | None) -> tuple[RunRecording, str]:
     """Return a recording with the best tip there is as the true one; and its kind."""
     if recording.true_tip.t.size:
         is_measured = scene is not None and scene.arm == "real"
@@ -145,7 +145,7 @@ def _with_a_tip(recording: Recording, scene: Scene | None) -> tuple[Recording, s
     return replace(recording, true_tip=recording.estimated_tip), "estimated"
 
 
-def _span(recording: Recording) -> tuple[float, float]:
+def _span(recording: RunRecording) -> tuple[float, float]:
     """First and last time of the loop's topics; what is before the first set point is left out."""
     series = (
         recording.command,

@@ -206,5 +206,5 @@ def _spin(nodes: Sequence[SoroNode[Any]], stopping: list[int], handover: Handove
 
 def _prioritise(node: SoroNode[Any]) -> None:
     """Request a node's priority for the process; without the right to it a warning is logged."""
-    if node.priority > 0 and (trouble := timing.prioritise(node.priority)):
-        node.get_logger().warning(f"no real-time priority ({trouble}): see docs/real_time.md")
+    if node.priority > 0 and (failure := timing.prioritise(node.priority)):
+        node.get_logger().warning(f"no real-time priority ({failure}): see docs/real_time.md")

@@ -12,7 +12,7 @@ from soro_ros.conversion.lost_messages import LossCounter
 
 
 @dataclass
-class Stream:
+class RecordedTopic:
     """A topic being recorded.
 
     Attributes

@@ -24,7 +24,7 @@ from soro_ros.conversion.decoding import Messages
 from soro_ros.conversion.fields import NAMED, Value, built
 from soro_ros.conversion.interfaces import definition, message_class
 from soro_ros.conversion.units import column_of, path_of
-from soro_ros.recordings.tables import LOG_TIME, Table
+from soro_ros.recordings.tables import LOG_TIME, TopicTable
 
 TOPICS = "topics.yaml"
 FORMATS = ("csv", "parquet")
@@ -153,12 +153,12 @@ def wanted(reader: BagReader, patterns: Sequence[str]) -> list[Topic]:
     ]
 
 
-def _tables(messages: Messages, topics: Sequence[Topic], say: Callable[[str], None]) -> Iterator[Table]:
+def _tables(messages: Messages, topics: Sequence[Topic], say: Callable[[str], None]) -> Iterator[TopicTable]:
     """Yield the table of each topic with its columns; say which topics or messages are left out."""
     for error in messages.refused.values():
         say(f"left out: {error}")
     for name in dict.fromkeys(topic.name for topic in topics if topic.name not in messages.refused):
-        table = Table(name)
+        table = TopicTable(name)
         try:
             table.learn(message for _, message in messages([name]))
         except ValueError as error:

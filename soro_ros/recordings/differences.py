@@ -13,7 +13,7 @@ from soro_ros.conversion import learning, messages
 from soro_ros.conversion.fields import Value, flat
 
 
-class Difference(NamedTuple):
+class FieldDifference(NamedTuple):
     """One field that is not what was recorded; None where there is no such message or field."""
 
     stamp_ns: int
@@ -55,7 +55,7 @@ class TopicDifferences:
         Messages with a difference, or without a partner.
     worst : float
         Largest difference of a number, a part of the largest magnitude.
-    first : Difference or None
+    first : FieldDifference or None
     """
 
     def __init__(
@@ -65,7 +65,7 @@ class TopicDifferences:
         self._recorded: deque[Any] = deque()
         self._now: deque[Any] = deque()
         self.compared, self.differing, self.worst = 0, 0, 0.0
-        self.first: Difference | None = None
+        self.first: FieldDifference | None = None
 
     def take_recorded(self, message: Any) -> None:
         """Take the next recorded message."""
@@ -100,9 +100,9 @@ class TopicDifferences:
         if self._ignored(""):
             return
         recorded, now = (None, "message") if is_now else ("message", None)
-        self._note(Difference(stamp_ns, self.topic, "", recorded, now, math.inf))
+        self._note(FieldDifference(stamp_ns, self.topic, "", recorded, now, math.inf))
 
-    def _note(self, difference: Difference) -> None:
+    def _note(self, difference: FieldDifference) -> None:
         self.differing += 1
         if self.first is None or difference.stamp_ns < self.first.stamp_ns:
             self.first = difference
@@ -111,7 +111,7 @@ class TopicDifferences:
         self.compared += 1
         if recorded == now:
             return
-        found: Difference | None = None
+        found: FieldDifference | None = None
         for field in dict.fromkeys((*recorded, *now)):
             old, new = recorded.get(field), now.get(field)
             if old == new or _both_nan(old, new) or self._ignored(field):
@@ -120,7 +120,7 @@ class TopicDifferences:
             if math.isfinite(part):
                 self.worst = max(self.worst, part)
             if part > self._tolerance and found is None:
-                found = Difference(stamp_ns, self.topic, field, old, new, part)
+                found = FieldDifference(stamp_ns, self.topic, field, old, new, part)
         if found is not None:
             self._note(found)
 

@@ -39,7 +39,7 @@ _USED = {
 
 
 @dataclass(frozen=True)
-class Series:
+class TopicSeries:
     """Samples of one topic: stamps `t` (n,) [s], values (n, m), and a name a column where there are names."""
 
     t: Array
@@ -54,11 +54,11 @@ class Series:
 
 # No arm has larger numbers [m, rad, Pa].
 _MOST = 1e8
-EMPTY = Series(np.zeros(0), np.zeros((0, 0)))
+EMPTY = TopicSeries(np.zeros(0), np.zeros((0, 0)))
 
 
 @dataclass(frozen=True)
-class Recording:
+class RunRecording:
     """The topics of a run for its report; times count from the first set point under control.
 
     Of a recording without set points they count from its first message.
@@ -69,24 +69,24 @@ class Recording:
     cannot be read and is left out.
     """
 
-    true_tip: Series
-    estimated_tip: Series
-    wanted_tip: Series
-    command: Series
-    reading: Series
-    estimates: Series
+    true_tip: TopicSeries
+    estimated_tip: TopicSeries
+    wanted_tip: TopicSeries
+    command: TopicSeries
+    reading: TopicSeries
+    estimates: TopicSeries
     diagnostics: dict[str, dict[str, str]]
     faults: tuple[str, ...]
-    measured_tip: Series = EMPTY
-    shadow: Series = EMPTY
-    shadow_tip: Series = EMPTY
-    true_state: Series = EMPTY
-    estimated_state: Series = EMPTY
+    measured_tip: TopicSeries = EMPTY
+    shadow: TopicSeries = EMPTY
+    shadow_tip: TopicSeries = EMPTY
+    true_state: TopicSeries = EMPTY
+    estimated_state: TopicSeries = EMPTY
     events: tuple[Event, ...] = ()
     problems: tuple[str, ...] = ()
 
 
-def read(bag: Path, namespace: str) -> Recording:
+def read(bag: Path, namespace: str) -> RunRecording:
     """Read a run's bag, with the namespace of the robot's nodes."""
     with BagReader(bag) as reader:
         return recorded(reader, namespace)
@@ -105,7 +105,7 @@ class Spans:
         self.of[item.topic] = first, now, max(gap, now - last)
 
 
-def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> Recording:
+def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> RunRecording:
     """Read an open bag.
 
     Parameters
@@ -170,17 +170,17 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
     else:
         start = min((listed[0][0] for _, listed in kept.values()), default=reader.start_ns)
 
-    def series(name: str) -> Series:
+    def series(name: str) -> TopicSeries:
         if name not in kept:
             return EMPTY
         names, listed = kept[name]
         t = np.array([stamp - start for stamp, _, _ in listed]) * 1e-9
-        return Series(t, np.array([values for _, _, values in listed]), names)
+        return TopicSeries(t, np.array([values for _, _, values in listed]), names)
 
     _, densest = max(kept.values(), key=lambda one: len(one[1]), default=((), []))
     stamps, logged = [row[0] for row in densest], [row[1] for row in densest]
     events = events_of(said, clock(logged, stamps, start))
-    return Recording(
+    return RunRecording(
         true_tip=series("truth/tip"),
         estimated_tip=series("arm/tip"),
         wanted_tip=series("arm/desired/tip"),

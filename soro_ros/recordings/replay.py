@@ -24,7 +24,7 @@ from soro_ros.conversion.interfaces import type_name
 from soro_ros.recordings.differences import TopicDifferences, stamp_of
 from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.ticks.estimator_ticks import EstimatorTicks
-from soro_ros.topics.ports import Inputs, Ports
+from soro_ros.topics.ports import Inputs, NodeOutputs
 
 # Above the difference that other processors make, whose linear algebra rounds otherwise (docs/replay.md).
 TOLERANCE = 1e-5
@@ -40,17 +40,17 @@ class Ticks(Protocol):
     inputs: Inputs
 
 
-def _estimator(scene: Scene, ports: Ports) -> Ticks:
+def _estimator(scene: Scene, ports: NodeOutputs) -> Ticks:
     return EstimatorTicks(scene.estimator_node(), ports)
 
 
-def _controller(scene: Scene, ports: Ports) -> Ticks:
+def _controller(scene: Scene, ports: NodeOutputs) -> Ticks:
     # `soro run` enables it before the first tick; no bag holds the call of a service.
     config = with_changes(scene.controller_node(), enabled=True)
     return ControllerTicks(config, f"/{scene.name}/controller", ports)
 
 
-NODES: dict[str, tuple[type[Any], Callable[[Scene, Ports], Ticks]]] = {
+NODES: dict[str, tuple[type[Any], Callable[[Scene, NodeOutputs], Ticks]]] = {
     "estimator": (EstimatorTicks, _estimator),
     "controller": (ControllerTicks, _controller),
 }
@@ -162,7 +162,7 @@ class _Fed:
     def __init__(self, name: str, scene: Scene, prefix: str, found: Mapping[str, TopicDifferences]) -> None:
         self._prefix, self._found = prefix, found
         self._reached_ns, self._early = -1, deque[Any]()
-        ticks = NODES[name][1](scene, Ports(self._publish))
+        ticks = NODES[name][1](scene, NodeOutputs(self._publish))
         self.inputs = {prefix + topic: one for topic, one in ticks.inputs.items()}
 
     def take(self, topic: str, message: Any) -> None:

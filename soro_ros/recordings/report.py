@@ -15,7 +15,7 @@ from soro_core.control.pressures import actuation
 from soro_lab.scene import Scene
 from soro_ros.recordings import shadow_report
 from soro_ros.recordings.events import Event
-from soro_ros.recordings.recording import Recording, Series, read
+from soro_ros.recordings.recording import RunRecording, TopicSeries, read
 
 # Length [s] of the windows that are compared: the start of the adaptation, and the end of the run.
 WINDOW_S = 5.0
@@ -55,7 +55,7 @@ class Summary:
         return json.dumps(known, indent=2)
 
 
-def summarise(recording: Recording, scene: Scene) -> Summary | None:
+def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
     """Return the figures of a run, as `of_scene` gives it, or None if the controller never ran."""
     t, error = tip_error(recording, scene.duration_s)
     if t.size < 2:
@@ -102,12 +102,12 @@ def pressure_bounds(scene: Scene) -> tuple[float, float]:
     return actuation.pressure_bounds(pressures, scene.loaded_robot)
 
 
-def read_run(bag: Path, scene: Scene) -> Recording:
+def read_run(bag: Path, scene: Scene) -> RunRecording:
     """Read the bag of a run, as its scene says what it was."""
     return of_scene(read(bag, scene.name), scene)
 
 
-def of_scene(recording: Recording, scene: Scene) -> Recording:
+def of_scene(recording: RunRecording, scene: Scene) -> RunRecording:
     """Return a recording with the faults of its scene; the true tip of a real arm is the measured one."""
     injected = (Event(fault.at, "injected", "scene", str(fault)) for fault in scene.faults)
     events = tuple(sorted((*recording.events, *injected)))
@@ -115,7 +115,7 @@ def of_scene(recording: Recording, scene: Scene) -> Recording:
     return replace(recording, events=events, true_tip=tip)
 
 
-def tip_error(recording: Recording, duration_s: float) -> tuple[Array, Array]:
+def tip_error(recording: RunRecording, duration_s: float) -> tuple[Array, Array]:
     """Return times (n,) [s] and distances (n,) [m] between the tip and its reference, while under control."""
     wanted, true = recording.wanted_tip, recording.true_tip
     if wanted.t.size < 2 or true.t.size < 2:
@@ -226,13 +226,13 @@ def _timing(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
     return [("loop lateness p50 / p99", late), ("overruns", str(summary.overruns))]
 
 
-def within(series: Series, duration_s: float) -> Series:
+def within(series: TopicSeries, duration_s: float) -> TopicSeries:
     """Return the samples of a series from 0 to `duration_s` [s]."""
     inside = (series.t >= 0.0) & (series.t <= duration_s)
-    return Series(series.t[inside], series.value[inside], series.names)
+    return TopicSeries(series.t[inside], series.value[inside], series.names)
 
 
-def _during(series: Series, duration_s: float) -> Array:
+def _during(series: TopicSeries, duration_s: float) -> Array:
     return within(series, duration_s).value if series.t.size else series.value
 
 

@@ -28,7 +28,7 @@ _NAMED = 20
 _SIMULATED_NS = 10**15
 
 
-class Field(NamedTuple):
+class FieldSeries(NamedTuple):
     """One number of a topic over time: times (n,) [s] and values (n,)."""
 
     topic: str
@@ -40,7 +40,7 @@ class Field(NamedTuple):
 
 def fields_of(
     bag: Path, topics: Sequence[str], fields: Sequence[str], say: Callable[[str], None]
-) -> list[Field]:
+) -> list[FieldSeries]:
     """Return numbers of a bag over time.
 
     Time counts from the first reference of the tip, or from the first message with a stamp.
@@ -63,7 +63,7 @@ def fields_of(
     ConfigError
         If nothing fits, or too much.
     """
-    found: list[Field] = []
+    found: list[FieldSeries] = []
     with BagReader(bag) as reader:
         chosen = wanted(reader, topics)
         messages = Messages(reader, {topic.name: None for topic in reader.topics})
@@ -108,9 +108,9 @@ def fields_of(
     return found
 
 
-def _found(topic: Topic, rows: dict[str, tuple[list[float], list[float]]]) -> Iterator[Field]:
+def _found(topic: Topic, rows: dict[str, tuple[list[float], list[float]]]) -> Iterator[FieldSeries]:
     for path, (t, value) in rows.items():
-        yield Field(topic.name, path, unit_of(topic.name, path), np.array(t), np.array(value))
+        yield FieldSeries(topic.name, path, unit_of(topic.name, path), np.array(t), np.array(value))
 
 
 def _is_chosen(path: str, fields: Sequence[str]) -> bool:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from soro_core.twin.shadow import DIFFERENCES
-from soro_ros.recordings.recording import Series
+from soro_ros.recordings.recording import TopicSeries
 
 
 @dataclass(frozen=True)
@@ -23,7 +23,7 @@ class Differences:
     bending_rms_rad: float
 
 
-def summarise(series: Series, duration_s: float) -> Differences | None:
+def summarise(series: TopicSeries, duration_s: float) -> Differences | None:
     """Return the figures; None for a run without a shadow."""
     inside = (series.t >= 0.0) & (series.t <= duration_s)
     if not inside.any():
@@ -51,14 +51,14 @@ def rows(found: Differences | None) -> list[tuple[str, str]]:
     ]
 
 
-def draw(axes: Sequence[Any], series: Series, tolerance_m: float) -> None:
+def draw(axes: Sequence[Any], series: TopicSeries, tolerance_m: float) -> None:
     """Draw distance and bending over time.
 
     Parameters
     ----------
     axes : sequence of matplotlib axes
         Two axes.
-    series : Series
+    series : TopicSeries
         Differences over time.
     tolerance_m : float
         Distance of a warning [m].

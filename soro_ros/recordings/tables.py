@@ -15,7 +15,7 @@ MOST_COLUMNS = 2000
 
 
 @dataclass
-class Table:
+class TopicTable:
     """Columns of a topic, found in its messages.
 
     Attributes

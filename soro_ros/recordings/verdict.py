@@ -33,7 +33,7 @@ def judge(
     summary: Summary | None,
     scene: Scene,
     status: int,
-    trouble: str,
+    failure: str,
     warnings: Sequence[str] = (),
     recording_failure: str = "",
 ) -> Verdict:
@@ -47,7 +47,7 @@ def judge(
         Limits of the verdict.
     status : int
         Exit status so far: 2 if the run was refused, another value but 0 if it ended early.
-    trouble : str
+    failure : str
         Why the run ended early.
     warnings : sequence of str
         What happened meanwhile to nodes that only look on; they stand behind the reason.
@@ -58,19 +58,19 @@ def judge(
     -------
     Verdict
     """
-    found = _judged(summary, scene, status, trouble, recording_failure)
+    found = _judged(summary, scene, status, failure, recording_failure)
     more = [line for line in warnings if line not in found.reason]
     return replace(found, reason="; ".join(filter(None, (found.reason, *more))))
 
 
 def _judged(
-    summary: Summary | None, scene: Scene, status: int, trouble: str, recording_failure: str
+    summary: Summary | None, scene: Scene, status: int, failure: str, recording_failure: str
 ) -> Verdict:
     if status == 2:
-        return Verdict("refused", trouble)
+        return Verdict("refused", failure)
     if status != 0 or (summary is not None and summary.faults):
         trips = "; ".join(summary.faults) if summary is not None else ""
-        return Verdict("vented", trips or trouble or "interrupted")
+        return Verdict("vented", trips or failure or "interrupted")
     if recording_failure:
         return Verdict("lost", f"not judged, because the recording has no end: {recording_failure}")
     if scene.faults:

@@ -26,7 +26,7 @@ from soro_ros.process import kernels
 from soro_ros.recorder.recorded_topics import recorded_topics
 from soro_ros.run import processes
 from soro_ros.run.processes import Child, NodeError
-from soro_ros.run.supervisor import Supervisor
+from soro_ros.run.supervisor import RunMonitor
 
 # A cold start compiles the model's kernels in several processes at once.
 START_LIMIT_S = 180.0
@@ -60,7 +60,7 @@ _BEGIN_S, _END_S = 30.0, 2.0
 
 
 @dataclass(frozen=True)
-class Loop:
+class LoopNodes:
     """The nodes between the readings and the commands of a run.
 
     Attributes
@@ -81,19 +81,19 @@ class Loop:
     observers: frozenset[str] = OBSERVERS
 
 
-def control_loop(scene: Scene) -> Loop:
+def control_loop(scene: Scene) -> LoopNodes:
     """Return estimator and controller of a scene."""
     nodes = {"estimator": scene.estimator_node(), "controller": scene.controller_node()}
-    return Loop(nodes, "controller")
+    return LoopNodes(nodes, "controller")
 
 
-def excitation_loop(scene: Scene) -> Loop:
+def excitation_loop(scene: Scene) -> LoopNodes:
     """Return the exciter of a scene, which moves the arm for its recording.
 
     The model of a robot that is not identified yet is no shadow.
     """
     observers = OBSERVERS - {"recorder"}
-    return Loop({"exciter": scene.exciter_node()}, "exciter", shadow=False, observers=observers)
+    return LoopNodes({"exciter": scene.exciter_node()}, "exciter", shadow=False, observers=observers)
 
 
 class Run:
@@ -109,7 +109,7 @@ class Run:
         Function that shows one line of progress.
     interrupted : sequence of int
         Signals that have ended the run, see `signals.noted`; the start stops as soon as there is one.
-    loop : Loop, optional
+    loop : LoopNodes, optional
         Nodes between readings and commands; default: estimator and controller.
     """
 
@@ -119,7 +119,7 @@ class Run:
         folder: Path,
         report: Callable[[str], None],
         interrupted: Sequence[int] = (),
-        loop: Loop | None = None,
+        loop: LoopNodes | None = None,
     ) -> None:
         self.scene, self.folder, self._report, self._interrupted = scene, folder, report, interrupted
         self._loop = loop or control_loop(scene)
@@ -135,8 +135,8 @@ class Run:
         self._plant, self._faults = links / "plant.sock", links / "faults.sock"
         # The node that drives the valves; it vents when it ends.
         self._driver = "regulator" if scene.platform else "twin"
-        self.begun = False
-        """Whether control has begun."""
+        self.has_started = False
+        """Whether control has started."""
         self._reported_compiling = False
         self._status: dict[str, int] = {}
         self._claims = Claims()
@@ -163,7 +163,7 @@ class Run:
         self._claims.take(node, [claims.of_arm(self.scene.name)])
         claims.require_free(node, names)
 
-    def start(self, supervisor: Supervisor) -> None:
+    def start(self, supervisor: RunMonitor) -> None:
         """Start every process and wait until every node is active; nothing moves before `begin`.
 
         Raises
@@ -208,9 +208,9 @@ class Run:
         if scene.mode == "lockstep":
             supervisor.check_clock()
 
-    def begin(self, supervisor: Supervisor) -> None:
+    def begin(self, supervisor: RunMonitor) -> None:
         """Inject the scene's faults, enable the controller, and start the clock and what the twin plans."""
-        self.begun = True
+        self.has_started = True
         if self._pulse is not None:
             self._pulse.begin(self.scene.duration_s + _BEGIN_S)
         if self.scene.faults:
@@ -234,12 +234,12 @@ class Run:
                     raise NodeError(child.name, child.end_report())
                 self._warn(child.name, child.end_report(), has_failed=True)
 
-    def check_nodes(self, supervisor: Supervisor, left_s: float) -> None:
+    def check_nodes(self, supervisor: RunMonitor, left_s: float) -> None:
         """Raise what ends a run in control, and warn of what does not.
 
         Parameters
         ----------
-        supervisor : Supervisor
+        supervisor : RunMonitor
             What the nodes say.
         left_s : float
             Time [s] that the run still takes: without another call the arm is vented soon after it.
@@ -265,14 +265,14 @@ class Run:
         for name in set(self.nodes) - set(essential):
             if self._children[name].process.poll() is not None:
                 continue
-            if trouble := supervisor.error(name):
-                self._warn(name, trouble, has_failed=True)
-            elif trouble := supervisor.silence(name):
-                self._warn(name, trouble)
+            if failure := supervisor.error(name):
+                self._warn(name, failure, has_failed=True)
+            elif failure := supervisor.silence(name):
+                self._warn(name, failure)
 
     def _spares(self, name: str) -> bool:
         """Whether the run goes on without a node now."""
-        return self.begun and name in self._loop.observers
+        return self.has_started and name in self._loop.observers
 
     def _warn(self, name: str, line: str, has_failed: bool = False) -> None:
         """Report once what became of an observer; `has_failed` if it does not do its work any more."""
@@ -285,7 +285,7 @@ class Run:
     def end(self) -> dict[str, str]:
         """End every process in order; return a line for each that did not end cleanly, by name.
 
-        An observer of a run that had begun is no such process: `warnings` have its line.
+        An observer of a run that had started is no such process: `warnings` have its line.
         """
         unclean = {}
         for name in sorted(END_ORDER, key=lambda name: name != self._driver):
@@ -306,11 +306,11 @@ class Run:
     @property
     def refused(self) -> bool:
         """Whether a node refused its configuration before the begin; after `end`."""
-        return not self.begun and 2 in self._status.values()
+        return not self.has_started and 2 in self._status.values()
 
     def outcome(self) -> str:
         """State of valves and bag, in one line; after `end`."""
-        if not self.begun:
+        if not self.has_started:
             air = "ended before control began"
         elif self._status.get(self._driver) == 0:
             air = "vented"
@@ -323,7 +323,7 @@ class Run:
             return f"{air}; bag closed"
         return f"{air}; the bag is not closed: soro bag repair {self.bag}"
 
-    def _start_nodes(self, supervisor: Supervisor, configs: Mapping[str, Strict]) -> None:
+    def _start_nodes(self, supervisor: RunMonitor, configs: Mapping[str, Strict]) -> None:
         """Start nodes with their parameters and wait until all of them are active."""
         self.check()
         compiled = kernels.compiled()
@@ -351,7 +351,7 @@ class Run:
 
         supervisor.wait("answer of all nodes", active, check, START_LIMIT_S)
 
-    def _check_start(self, supervisor: Supervisor) -> None:
+    def _check_start(self, supervisor: RunMonitor) -> None:
         """Raise SoroError if a process has ended, or another run has nodes of the same names.
 
         Two controllers of one name would command both arms.
@@ -359,7 +359,7 @@ class Run:
         self.check()
         supervisor.check_alone(self.nodes)
 
-    def _wait_for_arm(self, supervisor: Supervisor) -> None:
+    def _wait_for_arm(self, supervisor: RunMonitor) -> None:
         """Wait until a sample of the real arm has come to the node that needs it."""
         node, count = ("shadow", "compared") if self._loop.shadow else (self._loop.commander, "samples")
         what = "pose of the arm on sensors/pose0" if self._loop.shadow else "sample of the arm on sensors/"

@@ -23,8 +23,8 @@ from soro_lab.run_folder import new_folder
 from soro_lab.scene import Scene, load_scene
 
 if TYPE_CHECKING:
-    from soro_ros.run.compose import Loop, Run
-    from soro_ros.run.supervisor import Supervisor
+    from soro_ros.run.compose import LoopNodes, Run
+    from soro_ros.run.supervisor import RunMonitor
 
 
 @dataclass(frozen=True)
@@ -127,14 +127,14 @@ def _check_devices(scene: Scene) -> None:
                 raise HardwareError(finding.do, finding.found, "open")
 
 
-def watch_time(run: Run, supervisor: Supervisor, scene: Scene, console: Console) -> None:
+def watch_time(run: Run, supervisor: RunMonitor, scene: Scene, console: Console) -> None:
     """Show progress until the scene's time is over.
 
     Parameters
     ----------
     run : Run
         Processes of the run.
-    supervisor : Supervisor
+    supervisor : RunMonitor
         Their messages.
     scene : Scene
         What runs.
@@ -178,7 +178,7 @@ class Stall:
             raise SoroError(f"the clock of the run stands at {now_s:.3f} s for {STALL_S:.0f} s")
 
 
-def _line(scene: Scene, supervisor: Supervisor) -> str:
+def _line(scene: Scene, supervisor: RunMonitor) -> str:
     """Name of the scene; with a real arm also its distance from the shadow."""
     status = supervisor.status.get("shadow")
     return scene.name if status is None else f"{scene.name}, shadow: {escape(status.message)}"
@@ -189,8 +189,8 @@ def execute(
     folder: Path,
     interrupted: list[int],
     console: Console,
-    loop: Loop | None = None,
-    watch: Callable[[Run, Supervisor, Scene, Console], None] = watch_time,
+    loop: LoopNodes | None = None,
+    watch: Callable[[Run, RunMonitor, Scene, Console], None] = watch_time,
 ) -> End:
     """Run the processes of a scene to their end.
 
@@ -204,7 +204,7 @@ def execute(
         Signals that end the run, see `signals.noted`.
     console : Console
         Shows progress and errors.
-    loop : Loop, optional
+    loop : LoopNodes, optional
         Nodes between readings and commands; default: estimator and controller.
     watch : callable
         Returns when the run is over, or raises what ends it.
@@ -215,7 +215,7 @@ def execute(
     """
     from soro_ros.run.compose import Run
     from soro_ros.run.processes import NodeError
-    from soro_ros.run.supervisor import Supervisor
+    from soro_ros.run.supervisor import RunMonitor
 
     def report(line: str) -> None:
         with contextlib.suppress(OSError):  # nobody reads it, or the disk is full: the arm goes on
@@ -226,7 +226,7 @@ def execute(
     failed = ""  # name of the node that failed first
     is_refused = False
     try:
-        with Supervisor(scene.name) as supervisor:
+        with RunMonitor(scene.name) as supervisor:
             try:
                 run.claim(supervisor.node)
                 run.start(supervisor)
@@ -236,7 +236,7 @@ def execute(
                 pass
             except SoroError as failure:
                 errors.append(str(failure))
-                is_refused = isinstance(failure, ConfigError) and not run.begun
+                is_refused = isinstance(failure, ConfigError) and not run.has_started
                 failed = failure.name if isinstance(failure, NodeError) else ""
                 console.print(f"[red]soro: {escape(str(failure))}[/red]", soft_wrap=True)
             if interrupted:

@@ -31,7 +31,7 @@ LOOK_S = 1.5
 _COMMAND, _DESIRED = "chambers/command", "arm/desired/tip"
 
 
-class Supervisor:
+class RunMonitor:
     """Receives /diagnostics, /clock and the first messages of the controller; a context manager.
 
     Parameters
@@ -67,10 +67,10 @@ class Supervisor:
         self._own: dict[str, str] = {}  # process ids of the nodes of the run, by name
         self._pids: dict[str, set[str]] = {}  # processes that publish under the name of a node
         self._status_s: dict[str, float] = {}  # wall time of the latest status
-        self._begun_s = time.monotonic()
-        self._spun_s = self._listening_s = self._begun_s
+        self._start_s = time.monotonic()
+        self._spun_s = self._listening_s = self._start_s
 
-    def __enter__(self) -> Supervisor:
+    def __enter__(self) -> RunMonitor:
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -120,14 +120,14 @@ class Supervisor:
     def check(self, names: Iterable[str] | None = None) -> None:
         """Raise NodeError if one of these nodes, by default any, reports an error."""
         for name in list(self.status) if names is None else names:
-            if trouble := self.error(name):
-                raise NodeError(name, trouble)
+            if failure := self.error(name):
+                raise NodeError(name, failure)
 
     def check_silence(self, names: Iterable[str]) -> None:
         """Raise NodeError if a node has stopped publishing /diagnostics though its process lives."""
         for name in names:
-            if trouble := self.silence(name):
-                raise NodeError(name, trouble)
+            if failure := self.silence(name):
+                raise NodeError(name, failure)
 
     def error(self, name: str) -> str:
         """Return the error that a node reports, with its name; "" without one."""
@@ -145,7 +145,7 @@ class Supervisor:
 
     def look(self) -> None:
         """Receive messages until other programs of the domain have been heard."""
-        self.spin(max(0.0, self._begun_s + LOOK_S - time.monotonic()))
+        self.spin(max(0.0, self._start_s + LOOK_S - time.monotonic()))
 
     def listen_to(self, name: str, pid: int) -> None:
         """Take the status of one of the run's nodes from this process alone."""

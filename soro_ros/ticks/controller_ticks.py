@@ -29,7 +29,7 @@ from soro_ros.conversion import learning, messages, qos, references
 from soro_ros.ticks.control_report import ControlReport
 from soro_ros.topics.motion_job import REPLACED
 from soro_ros.topics.motion_topic import MotionTopic
-from soro_ros.topics.ports import Input, Inputs, Ports
+from soro_ros.topics.ports import Input, Inputs, NodeOutputs
 from soro_ros.topics.tick_inputs import TickInputs, unusable
 
 # What is learned is told again after this time: the filter forgets it after five times as long.
@@ -50,7 +50,7 @@ class ControllerTicks:
     config : ControllerNodeConfig
     source : str
         Name by which the limiter distinguishes two controllers.
-    ports : Ports
+    ports : NodeOutputs
     motion : callable, optional
         Gives the section `motion` that counts from the next path on; that of `config` by default.
 
@@ -78,7 +78,7 @@ class ControllerTicks:
         self,
         config: ControllerNodeConfig,
         source: str,
-        ports: Ports,
+        ports: NodeOutputs,
         motion: Callable[[], MotionConfig] | None = None,
     ) -> None:
         robot = load_robot(config.robot)
@@ -88,7 +88,7 @@ class ControllerTicks:
         self.controller = controller_of(config, robot, self._platform, ports.warn)
         self._names, self._coordinates = robot.chamber_names, self.controller.robot.coordinate_names
         self.enabled = config.enabled
-        self._trouble, self._refused, self.refusals = "", "", 0
+        self._failure, self._refused, self.refusals = "", "", 0
         self._covariance_refused = False
         self.state: ControllerState
         self.forget()
@@ -237,9 +237,9 @@ class ControllerTicks:
             if stamp_ns > self._zero_ns or self._ports.now_ns() < self._zero_ns:
                 self._publish(np.zeros(len(self._names)), stamp_ns)
             return
-        begun_s = time.monotonic()
-        trouble = self._unusable(message, stamp_ns)
-        if not trouble:
+        start_s = time.monotonic()
+        failure = self._unusable(message, stamp_ns)
+        if not failure:
             if self._epoch_ns is None:
                 self._epoch_ns, self._last_ns = stamp_ns, stamp_ns - round(1e9 / self._config.rate_hz)
             dt = (stamp_ns - self._last_ns) * 1e-9
@@ -251,19 +251,19 @@ class ControllerTicks:
             self.state, command = self.controller.step(
                 self.state, q, qd, t, dt, reading, self._reference, certainty
             )
-            self._last_ns, trouble = stamp_ns, command.status.message
+            self._last_ns, failure = stamp_ns, command.status.message
             self._publish_learned(command.learned, stamp_ns)
         else:
             self._publish_learned(None, stamp_ns)
-        self._note(trouble or command.status.note)
-        if trouble:
+        self._note(failure or command.status.note)
+        if failure:
             if self._lockstep:
                 self._publish(np.zeros(0), stamp_ns)
             return
         self._publish(command.setpoint_pa, stamp_ns)
         self._report.publish(command, stamp_ns)
         tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
-        self.motions.tick(self.state, t, tip, begun_s)
+        self.motions.tick(self.state, t, tip, start_s)
 
     def stay_at_zero(self) -> None:
         """Command zero once a period while no message is handled: without commands the driver would trip.
@@ -296,10 +296,10 @@ class ControllerTicks:
         message.header.frame_id = self._source
         self._ports.publish("chambers/command", message)
 
-    def _note(self, trouble: str) -> None:
-        if trouble != self._trouble:
-            self._trouble = trouble
+    def _note(self, failure: str) -> None:
+        if failure != self._failure:
+            self._failure = failure
             self._say()
 
     def _say(self) -> None:
-        self._ports.report("; ".join(text for text in (self._trouble, self._refused) if text))
+        self._ports.report("; ".join(text for text in (self._failure, self._refused) if text))

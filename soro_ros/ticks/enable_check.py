@@ -91,7 +91,7 @@ class EnableCheck:
             unusable.append(f"no reading of {silent}")
         frames = FrameCheck(self._frames)
         seen = [one for topic in sensors if (one := self._seen(topic, frames)) is not None]
-        unusable += [frames.trouble] if frames.trouble else []
+        unusable += [frames.refusal] if frames.refusal else []
         if unusable:
             return unusable, []
         found = pressure_findings(self._names, self._pressure_pa, self._bounds)

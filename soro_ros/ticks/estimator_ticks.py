@@ -22,7 +22,7 @@ from soro_lab.scene import EstimatorNodeConfig
 from soro_lab.scene.loop import estimator_of
 from soro_ros.conversion import learning, messages, qos
 from soro_ros.topics.frame_check import FrameCheck
-from soro_ros.topics.ports import Input, Inputs, Ports
+from soro_ros.topics.ports import Input, Inputs, NodeOutputs
 from soro_ros.topics.sample_inputs import SampleInputs
 
 
@@ -32,7 +32,7 @@ class EstimatorTicks:
     Parameters
     ----------
     config : EstimatorNodeConfig
-    ports : Ports
+    ports : NodeOutputs
     frames : FrameCheck, optional
         Refuses samples in another frame than the configured one; one that tells nobody by default.
 
@@ -57,7 +57,9 @@ class EstimatorTicks:
         "arm/tip": PoseWithCovarianceStamped,
     }
 
-    def __init__(self, config: EstimatorNodeConfig, ports: Ports, frames: FrameCheck | None = None) -> None:
+    def __init__(
+        self, config: EstimatorNodeConfig, ports: NodeOutputs, frames: FrameCheck | None = None
+    ) -> None:
         robot = load_robot(config.robot)
         self._config, self._lockstep, self._ports = config, config.mode == "lockstep", ports
         self.estimator = estimator_of(config, robot)

@@ -117,7 +117,7 @@ class ChamberInterface:
     @property
     def second_publisher(self) -> str | None:
         """Topics of commands with more than one publisher, and the nodes; None without such a topic."""
-        return "; ".join(topic.trouble for topic in self._topics if topic.trouble) or None
+        return "; ".join(topic.conflict for topic in self._topics if topic.conflict) or None
 
     @property
     def problem(self) -> tuple[bytes, str] | None:
@@ -133,9 +133,9 @@ class ChamberInterface:
 
     def _check_launcher(self, launcher: pulse.Listener) -> None:
         """Vent while the program that runs the arm gives no sign of life."""
-        trouble = launcher.trouble()
-        if trouble is not None and self._limiter.cause is None:
-            self._limiter.vent(trouble)
+        failure = launcher.failure()
+        if failure is not None and self._limiter.cause is None:
+            self._limiter.vent(failure)
             self.report_latch()
 
     def _publish_latch(self) -> None:

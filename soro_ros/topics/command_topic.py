@@ -44,7 +44,7 @@ class CommandTopic:
     take : callable
         Called with each message and, if two publishers use its name, the reason to ignore it, else None.
     on_change : callable
-        Called when `trouble` has changed.
+        Called when `conflict` has changed.
     """
 
     def __init__(
@@ -62,7 +62,7 @@ class CommandTopic:
         self._matched = 0
         self._nodes: dict[bytes, str] = {}
         self._names = safety.Names()
-        self.trouble: str | None = None
+        self.conflict: str | None = None
         """Names of the publishers, if there are several, in the order of their arrival; else None."""
         self._subscription = node.create_subscription(kind, topic, self._on_message, qos)
         node.create_timer(QUERY_S, self._query_graph, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -112,7 +112,7 @@ class CommandTopic:
         if name not in self._names.shared:
             return None
         given = f"the name {name!r} in header.frame_id" if name else "no name"
-        return f"same name: {self.trouble or 'several publishers'}; two of them give {given}"
+        return f"same name: {self.conflict or 'several publishers'}; two of them give {given}"
 
     def _query_graph(self) -> None:
         matched = self._count()
@@ -128,9 +128,9 @@ class CommandTopic:
         self._nodes = {gid: found[gid] for gid in self._nodes if gid in found} | found
         count = len(self._nodes)
         several = f"{count} publishers of {self._topic}: {', '.join(self._nodes.values())}"
-        before, self.trouble = self.trouble, several if count > 1 else None
-        if self.trouble != before:
-            self._node.get_logger().warning(self.trouble or f"{self._topic}: no second publisher any more")
+        before, self.conflict = self.conflict, several if count > 1 else None
+        if self.conflict != before:
+            self._node.get_logger().warning(self.conflict or f"{self._topic}: no second publisher any more")
             self._on_change()
 
 

@@ -58,7 +58,7 @@ class FrameCheck:
         return self._takes(topic, frame, self._frames.of_imu(int(number)), "frames.imu")
 
     @property
-    def trouble(self) -> str:
+    def refusal(self) -> str:
         """Which topics are refused now, and why; empty if none is."""
         return "; ".join(self._last.values())
 
@@ -70,14 +70,14 @@ class FrameCheck:
     def _takes(self, topic: str, frame: str, allowed: str, key: str) -> bool:
         if frame == "" or allowed in ("", frame):
             if self._last.pop(topic, None):
-                self._report(self.trouble)
+                self._report(self.refusal)
             return True
         self.refused[topic] = self.refused.get(topic, 0) + 1
         text = f"{topic} refused: frame {short(frame)}; allowed: {allowed} ({key}), or none"
         is_new = self._last.get(topic) != text
         self._last[topic] = text
         if is_new:
-            self._report(self.trouble)
+            self._report(self.refusal)
         if text not in self._named and len(self._named) < _MOST:
             self._named.add(text)
             self._warn(text)

@@ -21,7 +21,7 @@ from soro_core.control.motion_config import MotionConfig
 from soro_core.control.motions.motion import finished
 from soro_core.control.motions.motion_parts import PiecewiseMotion
 from soro_core.control.motions.path_coordinates import Planning
-from soro_core.control.reference.active_reference import STREAM_S, Following, at_rest, reference_ahead
+from soro_core.control.reference.active_reference import STREAM_S, ActiveReference, at_rest, reference_ahead
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError, SoroError
 from soro_core.frames import Frames
@@ -31,7 +31,7 @@ from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REPLACED, Job,
 from soro_ros.topics.ports import Input, Inputs
 
 TOPIC = "arm/reference/path"
-# Part of a period, after a tick has begun, until which a plan is continued.
+# Part of a period, after a tick has started, until which a plan is continued.
 _SHARE = 0.5
 # A motion that begins under way does so that long after its message [s]; twice as long each time that the
 # plan was not ready.
@@ -166,7 +166,7 @@ class MotionTopic:
         self._refuse(reason)
         self._reports.refuse(topic, stamp_ns, reason)
 
-    def tick(self, state: ControllerState, t: float, tip: np.ndarray, begun_s: float) -> None:
+    def tick(self, state: ControllerState, t: float, tip: np.ndarray, start_s: float) -> None:
         """Continue after a tick.
 
         Parameters
@@ -177,7 +177,7 @@ class MotionTopic:
             Its time [s].
         tip : ndarray (3,)
             Estimated position of the tip [m].
-        begun_s : float
+        start_s : float
             Monotonic time at which the tick began [s].
         """
         self._now = state, t
@@ -185,7 +185,7 @@ class MotionTopic:
         if job is None:
             return
         if isinstance(job, _Path) and job.state == PLANNING:
-            self._plan(job, begun_s + _SHARE * self._period_s)
+            self._plan(job, start_s + _SHARE * self._period_s)
             self._begin(job, t)
         elif job.state == MOVING and job.goal is not None and state.following is not None:
             ended = not job.is_stream or t - job.given_s > STREAM_S
@@ -238,7 +238,7 @@ class MotionTopic:
                 return motion
             ahead_s *= 2.0  # the way was planned too late: the arm is elsewhere
 
-    def _reached(self) -> tuple[ControllerState, float, Following]:
+    def _reached(self) -> tuple[ControllerState, float, ActiveReference]:
         """State, time and reference of the last tick."""
         if self._now is None or self._now[0].following is None:
             raise ConfigError("path", "controller", "not in control", "a controller in control: soro enable")

@@ -42,7 +42,7 @@ def _always(topic: str) -> bool:
 
 
 @dataclass(frozen=True)
-class Ports:
+class NodeOutputs:
     """Where messages and reports go, and the time.
 
     Attributes

@@ -125,7 +125,7 @@ def unusable(
     if not message.name:
         return "no estimate of the state"
     if tuple(message.name) != tuple(coordinates):
-        return f"arm/state of {messages.shown(message.name)}, expected {list(coordinates)}"
+        return f"arm/state of {messages.format_names(message.name)}, expected {list(coordinates)}"
     if not len(message.position) == len(message.velocity) == len(coordinates):
         found = f"{len(message.position)} positions and {len(message.velocity)} velocities"
         return f"arm/state has {found} for {len(coordinates)} coordinates"

@@ -22,7 +22,7 @@ _UNKNOWN = np.full(3, 0.35)  # a chamber without a reading
 
 
 @dataclass(frozen=True)
-class Chamber:
+class Bellow:
     """One bellow: its name, where it begins and ends along the arm, and its axis in the section [m]."""
 
     name: str
@@ -89,7 +89,7 @@ class Camera:
         return np.asarray(points @ np.stack([right, np.cross(towards, right), towards]).T)
 
 
-def chambers(robot: Robot) -> list[Chamber]:
+def chambers(robot: Robot) -> list[Bellow]:
     """Return the places of a robot's chambers, with the largest radii that fit into the section."""
     found, begin = [], 0.0
     for i, link in enumerate(robot.links):
@@ -103,7 +103,7 @@ def chambers(robot: Robot) -> list[Chamber]:
             away = 0.0 if n == 1 else min(max(away, 0.3 * link.radius), 0.7 * link.radius)
             radius = 0.95 * min(link.radius - away, away * sin(pi / n) if n > 1 else link.radius)
             axis = (away * cos(chamber.angle_rad), away * sin(chamber.angle_rad))
-            found.append(Chamber(f"link{i}/chamber{k}", begin, begin + link.length, axis, radius))
+            found.append(Bellow(f"link{i}/chamber{k}", begin, begin + link.length, axis, radius))
         begin += link.length
     return found
 
@@ -223,7 +223,7 @@ def surface(robot: Robot, s: Array, poses: Array, pressure: dict[str, float], pa
     return Faces(np.concatenate([p.corners for p in parts]), np.concatenate([p.colours for p in parts]))
 
 
-def _pitch(bellow: Chamber) -> float:
+def _pitch(bellow: Bellow) -> float:
     """Length of a fold [m], so that a whole number of them fills the chamber."""
     length = bellow.end - bellow.begin
     return length / max(3, round(length / (1.5 * bellow.radius)))

@@ -48,7 +48,7 @@ class Buttons:
                 answer = call.response
                 self._tell(f"{service}: {'' if answer.success else 'refused: '}{answer.message}")
             elif waited_s > LIMIT_S:
-                self._tell(call.trouble(LIMIT_S))
+                self._tell(call.failure(LIMIT_S))
             else:
                 self._calls.append((service, begin_s, call))
                 continue

@@ -10,13 +10,13 @@ from rclpy.node import Node
 
 from soro_core.robot import Robot
 from soro_ros.view.buttons import BUTTONS, Buttons
-from soro_ros.view.page import Page, set_value
+from soro_ros.view.page import ViewerPage, set_value
 
 _COLOURS: dict[str, Literal["green", "red", "gray"]] = {"enable": "green", "vent": "red", "reset": "gray"}
 
 
-class LivePage(Page):
-    """A `Page` with buttons.
+class LivePage(ViewerPage):
+    """A `ViewerPage` with buttons.
 
     Parameters
     ----------

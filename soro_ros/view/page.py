@@ -24,7 +24,7 @@ _NOTHING = np.zeros((1, 2, 3))
 _STEP_M = 2e-5
 
 
-class Page:
+class ViewerPage:
     """Draws moments into the scene and the panel of a viser server; what has not changed is not sent.
 
     Parameters

@@ -18,7 +18,7 @@ from soro_core.robot import Discretisation, Robot
 from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion.decoding import Messages
 from soro_ros.view.moment import BACKBONE, DIAGNOSTICS, PRESSURES, STALE_S, TOPICS, Moment, Received
-from soro_ros.view.page import Page, set_value
+from soro_ros.view.page import ViewerPage, set_value
 
 Shape = Callable[[Array], Array]
 
@@ -136,7 +136,7 @@ class RecordedPage:
         self._button = server.gui.add_button("pause")
         self._slider = server.gui.add_slider("time [s]", 0.0, end_s, step=end_s / 1000, initial_value=0.0)
         self._speed = server.gui.add_dropdown("speed", ("0.25", "0.5", "1", "2", "5"), initial_value="1")
-        self._page = Page(server, robot)
+        self._page = ViewerPage(server, robot)
         self._t_s, self._playing, self._moved = 0.0, True, True
         self._button.on_click(lambda _: self._toggle())
         self._slider.on_update(self._on_slider)

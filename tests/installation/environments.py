@@ -133,22 +133,22 @@ def _try(one: Environment, wheel: Path) -> str:
         empty = folder / "empty"
         empty.mkdir()
         own = {"XDG_CACHE_HOME": str(folder / "cache"), "XDG_STATE_HOME": str(folder / "state")}
-        begun = [time.monotonic()]
+        started = [time.monotonic()]
         commands = _install(one, wheel, folder)
         asked = f"from importlib.metadata import version as v; print(*(f'{{p}} {{v(p)}},' for p in {SHOWN}))"
         packages = _call([commands / "python", "-c", asked], empty)
-        begun.append(time.monotonic())
+        started.append(time.monotonic())
         # Appended: the package that is tested is the installed one, not that of the repository.
         options = ["-q", "-p", "no:cacheprovider", "--import-mode=append", f"--rootdir={ROOT}"]
         options += [f"--timeout={LONGEST_S}"]
         # Newer packages below the lowest ones warn of what they will not offer any more.
         options += ["-W", "ignore::DeprecationWarning"] if one.constraints else []
         said = _call([commands / "pytest", *options, *(ROOT / test for test in TESTS)], empty, **own)
-        begun.append(time.monotonic())
+        started.append(time.monotonic())
         _run_in_lockstep(commands, empty, own)
-        begun.append(time.monotonic())
+        started.append(time.monotonic())
         passed = re.findall(r"^\d+ passed.*(?= in )", said, re.MULTILINE)[-1]
-        install, tests, run = (f"{b - a:.0f} s" for a, b in pairwise(begun))
+        install, tests, run = (f"{b - a:.0f} s" for a, b in pairwise(started))
         return f"{packages.strip()} {passed} (install {install}, tests {tests}, run {run})"
 
 
@@ -188,7 +188,7 @@ def main() -> int:
         pins = lowest(requirements(project))
         environments.append(Environment(f"lowest packages, Python {oldest}", found[oldest], pins))
     environments = [one for one in environments if given.only in one.name]
-    begun, failed = time.monotonic(), 0
+    started, failed = time.monotonic(), 0
     with tempfile.TemporaryDirectory(prefix="soro-wheel-") as name:
         copy_sources(Path(name, "soro"))
         build = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--wheel-dir", name, "./soro"]
@@ -202,7 +202,7 @@ def main() -> int:
                     failed += 1
                     print(f"{one.name}: FAILED: {error}", flush=True)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    spent, computed = (time.monotonic() - begun) / 60.0, (used.ru_utime + used.ru_stime) / 60.0
+    spent, computed = (time.monotonic() - started) / 60.0, (used.ru_utime + used.ru_stime) / 60.0
     result = f"{len(environments) - failed} good, {failed} bad"
     print(f"environments: {result} ({spent:.1f} min, {computed:.1f} min of CPU time)")
     return 1 if failed or not environments else 0

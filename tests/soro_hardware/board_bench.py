@@ -35,12 +35,12 @@ AIR = {
     "minimum_pa": -100e3,
     "maximum_pa": 100e3,
 }
-QUIET = {"emulation": {"regulator": {"reading_noise_pa": 0.0}}}
+QUIET = {"regulator": {"reading_noise_pa": 0.0}}
 COMMON: dict[str, Any] = {
     "valves": [{"chamber": f"link0/chamber{n}", "port": n} for n in range(3)],
     "range": {"minimum_pa": 0.0, "maximum_pa": 90e3},
     "cycle_hz": 200.0,
-    "emulation": {"regulator": AIR},
+    "regulator": AIR,
 }
 VEAB_SCALE = {"output": [[0.0, -100e3], [10.0, 100e3]], "input": [[0.0, -100e3], [10.0, 100e3]]}
 # Two boards, four ports: the fourth feeds no chamber.
@@ -83,8 +83,8 @@ def itv(**changes: Any) -> BoardPlatform:
     """The board with regulators of 0 to 10 V whose monitor gives 1 to 5 V, as an SMC ITV2050."""
     scale = {"output": [[0.0, 0.0], [10.0, 900e3]], "input": [[1.0, 0.0], [5.0, 900e3]]}
     ports = [{**port, "scale": "itv"} for port in BOARD["ports"]]
-    air = {"regulator": {"minimum_pa": 0.0, "maximum_pa": 900e3}}
-    base = {"scales": {"itv": scale}, "ports": ports, "range": {"maximum_pa": 500e3}, "emulation": air}
+    base = {"scales": {"itv": scale}, "ports": ports, "range": {"maximum_pa": 500e3}}
+    base["regulator"] = {"minimum_pa": 0.0, "maximum_pa": 900e3}
     base["rating"] = {"maximum_pa": 1e6}
     return board_platform(**merged(base, changes))
 

@@ -48,16 +48,14 @@ BASE: dict[str, Any] = {
         "rpdo_deadline_s": 0.05,
         "stale_cycles": 3,
     },
-    "emulation": {
-        "regulator": {
-            "delay_s": 0.005,
-            "tau_s": 0.052,
-            "hysteresis_pa": 900.0,
-            "command_resolution_pa": 50.0,
-            "reading_resolution_pa": 100.0,
-            "reading_noise_pa": 100.0,
-            "maximum_pa": 90e3,
-        }
+    "regulator": {
+        "delay_s": 0.005,
+        "tau_s": 0.052,
+        "hysteresis_pa": 900.0,
+        "command_resolution_pa": 50.0,
+        "reading_resolution_pa": 100.0,
+        "reading_noise_pa": 100.0,
+        "maximum_pa": 90e3,
     },
 }
 

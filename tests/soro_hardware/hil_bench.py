@@ -11,12 +11,12 @@ from hardware_bench import Bench, platform
 from soro_core.errors import HardwareError
 from soro_hardware import BusStatistics, Exchange, PlatformBase, Regulator
 from soro_hardware.canopen.config import CanopenPlatform
-from soro_hardware.emulation.air import Air
+from soro_hardware.emulation.air import EmulatedPressures
 from soro_hardware.emulation.faults.fault_types import read_injection
-from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.schedule import FaultSchedule
 from soro_hardware.hil.judge import Bending
-from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
-from soro_hardware.hil.plan import FirstPressureConfig, Plan, ProcedureState
+from soro_hardware.hil.paced import CycleSample, PacedRegulator, small_limits
+from soro_hardware.hil.plan import FirstPressureConfig, HilPlan, ProcedureState
 from soro_hardware.hil.pressurise import expectation, pressurise
 
 CONFIG = FirstPressureConfig(steps_pa=(5e3, 20e3), rest_s=0.5, hold_s=0.6, vent_s=3.0)
@@ -37,8 +37,8 @@ class OnAir(Regulator):
         self._sensors, self._setpoint = list(sensors), np.zeros(3)
         self.gone, self.vents = False, 0
         demands = [lambda n=n: float(self._setpoint[n]) for n in range(3)]
-        self.air = Air(described.emulation.regulator, demands, np.random.default_rng(1))
-        self.faults = self.air.faults = Faults(1)
+        self.air = EmulatedPressures(described.regulator, demands, np.random.default_rng(1))
+        self.faults = self.air.faults = FaultSchedule(1)
         self.faults.chambers = NAMES
 
     @property
@@ -90,7 +90,7 @@ class Pressurised:
     can: bool = False
     answer: Callable[[str], str | None] = lambda question: "y"
     stop_at: int = 10**9
-    samples: list[Sample] = field(default_factory=list)
+    samples: list[CycleSample] = field(default_factory=list)
     true_pa: list[np.ndarray] = field(default_factory=list)
     questions: list[str] = field(default_factory=list)
 
@@ -111,7 +111,7 @@ class Pressurised:
             expected = replace(expected, bending=ways)
         guarded = PacedRegulator(described, driver, limits, lockstep=True, tip=self._tip)
         self.limited, self._waiting = guarded, []
-        self.plan = Plan(config, expected, self.confirm, self.directions)
+        self.plan = HilPlan(config, expected, self.confirm, self.directions)
         return pressurise(
             self.plan,
             guarded,
@@ -124,7 +124,7 @@ class Pressurised:
     def _tip(self) -> np.ndarray | None:
         return WAYS[list(self.wiring)].T @ self.devices.pressure_pa if self.arm else None
 
-    def record(self, sample: Sample) -> None:
+    def record(self, sample: CycleSample) -> None:
         """Take a sample of the run."""
         self.samples.append(sample)
         self.true_pa.append(self.devices.pressure_pa.copy())

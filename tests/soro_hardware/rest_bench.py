@@ -124,7 +124,7 @@ def _serial(make: Any, patience: int, wake_pa: float, **changes: Any) -> Resting
 
 
 def _line(wake_pa: float) -> Resting:
-    described = parse({**LINE, "emulation": {"regulator": AIR, "wake_pa": wake_pa}}, LinePlatform, "test")
+    described = parse({**LINE, "regulator": AIR, "emulation": {"wake_pa": wake_pa}}, LinePlatform, "test")
     devices = LineDevice(described, lockstep=True, seed=0)
     clock = itertools.count(0.0, 1e-3).__next__  # a device that is silent costs no time
     return Resting(LineRegulator(described, LineLink(devices.line), clock, lockstep=True), devices, 2)

@@ -37,7 +37,8 @@ COMMON: dict[str, Any] = {
     "range": {"minimum_pa": 0.0, "maximum_pa": 90e3},
     "cycle_hz": 200.0,
     "line": {"check_s": 0.1},
-    "emulation": {"regulator": AIR, "boot_delay_s": 0.0},
+    "regulator": AIR,
+    "emulation": {"boot_delay_s": 0.0},
 }
 ITV: dict[str, Any] = {
     **COMMON,
@@ -64,9 +65,9 @@ def alicat(n: int = 3, **changes: Any) -> SerialPlatform:
 
 
 def quiet(**emulation: Any) -> dict[str, Any]:
-    """Emulation without noise."""
+    """Keys of regulators without noise; the other keys are those of their emulation."""
     air = {**AIR, "reading_noise_pa": 0.0, "hysteresis_pa": 0.0}
-    return {"regulator": air, "boot_delay_s": 0.0, **emulation}
+    return {"regulator": air, "emulation": {"boot_delay_s": 0.0, **emulation}}
 
 
 def _platform(base: dict[str, Any], n: int, changes: dict[str, Any]) -> SerialPlatform:

@@ -49,7 +49,7 @@ async def identify_poll_and_command(address, unit):
 
 @pytest.mark.parametrize("firmware", FIRMWARE)
 def test_it_identifies_polls_and_commands_the_unit_by_itself(firmware):
-    platform = alicat(2, emulation=quiet(firmware=firmware))
+    platform = alicat(2, **quiet(firmware=firmware))
     with served(platform) as (devices, address):
         device, before, answer, after = anyio.run(identify_poll_and_command, address, "B")
         assert isinstance(device, PressureController)

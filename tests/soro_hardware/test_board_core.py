@@ -14,7 +14,7 @@ from soro_hardware.board import frames, messages
 from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.messages import Cause, PortFlag, Refusal
 from soro_hardware.board.pi import core
-from soro_hardware.board.pi.ports import BoardPort
+from soro_hardware.board.pi.ports import ConverterPair
 from soro_hardware.board.scaling import Scale
 from soro_hardware.emulation.board.board import EmulatedBoard
 from tests.refused import fails
@@ -166,7 +166,7 @@ VALUES = st.integers(-(2**31), 2**31 - 1) | st.integers(-10, 90_010)
 def test_codes_are_within_range_for_any_frames(sequence):
     devices = EmulatedBoard(PLATFORM, lockstep=True)
     devices.board.draw = lambda: NUMBER
-    port = BoardPort(PLATFORM, 0, devices.buses[1])
+    port = ConverterPair(PLATFORM, 0, devices.buses[1])
     lowest, highest = port.code(0.0), port.code(90e3)
     for dac in devices.dacs:
         dac.log.clear()
@@ -183,7 +183,7 @@ def test_codes_are_within_range_for_any_frames(sequence):
 @SETTINGS
 @given(st.floats(allow_nan=True, allow_infinity=True))
 def test_a_code_is_within_range_for_any_number(value):
-    port = BoardPort(PLATFORM, 0, EmulatedBoard(PLATFORM, lockstep=True).buses[1])
+    port = ConverterPair(PLATFORM, 0, EmulatedBoard(PLATFORM, lockstep=True).buses[1])
     code = port.code(value)
     assert port.code(0.0) <= code <= port.code(90e3)
     if np.isnan(value):

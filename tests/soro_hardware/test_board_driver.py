@@ -139,7 +139,7 @@ def test_a_board_that_never_stops_sending_is_given_up(bench, monkeypatch, call):
         bench.driver.vent() if call == "vent" else bench.exchange(20e3)
     result = bench.exchange(20e3)
     assert codes(result) >= {"link_lost"}
-    assert "without a pause" in result.trouble
+    assert "without a pause" in result.fault_text
     assert bench.devices.board.state.cause
 
 

@@ -10,7 +10,7 @@ from soro_hardware.transport.frame import Frame
 from tests.refused import refused
 
 GUARDED = {"canopen": {"mapping": {"guarding": True}}}
-QUIET = {"emulation": {"regulator": {"reading_noise_pa": 0.0}}}
+QUIET = {"regulator": {"reading_noise_pa": 0.0}}
 ASKED = frames.guard(1)
 
 

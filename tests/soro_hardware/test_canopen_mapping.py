@@ -55,7 +55,7 @@ def arm(request):
 
 @pytest.fixture
 def quad():
-    bench = Bench(four(emulation=QUIET))
+    bench = Bench(four(**QUIET))
     bench.driver.configure()
     return bench
 

@@ -47,7 +47,7 @@ def test_written_when_asked_for_and_a_late_sync_trips():
 
 
 def test_a_second_session_begins_its_own_watch():
-    """SYNC of the first session has begun a watch in the devices, and none comes during a start-up."""
+    """SYNC of the first session has started a watch in the devices, and none comes during a start-up."""
     bench = Bench(single(**ASKED))
     for _ in range(2):
         bench.driver.configure()

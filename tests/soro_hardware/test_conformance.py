@@ -169,7 +169,7 @@ LINE = {
     "valves": [{"chamber": f"link0/chamber{n}"} for n in range(3)],
     "range": {"minimum_pa": 0.0, "maximum_pa": 90e3},
     "cycle_hz": 200.0,
-    "emulation": {"regulator": AIR},
+    "regulator": AIR,
 }
 FAMILIES = {
     "canopen_408": canopen,

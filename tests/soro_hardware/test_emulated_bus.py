@@ -83,7 +83,7 @@ def test_lockstep_advances_by_a_cycle_whatever_period_was_written(powered):
 
 
 def test_readings_of_one_sync_belong_together():
-    bench = Bench(platform(emulation={"regulator": {"reading_noise_pa": 0.0}}))
+    bench = Bench(platform(regulator={"reading_noise_pa": 0.0}))
     bench.driver.configure()
     for _ in range(50):
         before = bench.world.pressure_pa.copy()

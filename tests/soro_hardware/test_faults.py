@@ -12,7 +12,7 @@ from soro_hardware.emulation.canopen.hub import Hub
 from soro_hardware.emulation.faults.air_faults import PNEUMATIC, SENSOR, faulty_pressure, faulty_reading
 from soro_hardware.emulation.faults.fault_types import KINDS, OF_ALL, Injection, read_injection
 from soro_hardware.emulation.faults.line_faults import ON_BYTES, LineFaults
-from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.schedule import FaultSchedule
 from soro_hardware.emulation.line import Line
 from soro_hardware.emulation.sockets.control import answer_to
 from soro_hardware.transport.frame import Frame
@@ -25,7 +25,7 @@ RNG = np.random.default_rng(0)
 
 
 def faults(*texts, seed=0):
-    it = Faults(seed)
+    it = FaultSchedule(seed)
     it.chambers = CHAMBERS
     for text in texts:
         it.add(read_injection(text))
@@ -86,7 +86,7 @@ def test_a_wrong_one_is_refused_in_one_line(text, found):
 
 
 def test_what_a_family_or_a_platform_has_not_is_refused():
-    it = Faults(supported={"leak"})
+    it = FaultSchedule(supported={"leak"})
     it.chambers = CHAMBERS
     with fails(ConfigError, "leak"):
         it.add(Injection(fault="drop"))
@@ -102,8 +102,8 @@ def test_schedule():
         "at: 2, fault: leak, chamber: link0/chamber1, duration_s: 1",
         "at: 1, fault: burst, chamber: link0/chamber1",
     )
-    begun, ended = [], []
-    it.on_start = {"leak": lambda f: begun.append(f.fault), "burst": lambda f: begun.append(f.fault)}
+    started, ended = [], []
+    it.on_start = {"leak": lambda f: started.append(f.fault), "burst": lambda f: started.append(f.fault)}
     it.on_end = {"leak": lambda f: ended.append(f.fault)}
     assert it.of(1) == {}
     it.advance(S - 1)
@@ -115,7 +115,7 @@ def test_schedule():
     assert it.of(0) == {}
     it.advance(3 * S)
     assert it.of(1) == {"burst": 500.0}
-    assert (begun, ended) == (["burst", "leak"], ["leak"])
+    assert (started, ended) == (["burst", "leak"], ["leak"])
 
 
 def test_injected_later_counts_from_then():

@@ -16,9 +16,9 @@ from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.hil import report
 from soro_hardware.hil.first_pressure import advance
 from soro_hardware.hil.judge import Expectation, judge_holds
-from soro_hardware.hil.measured import Hold
-from soro_hardware.hil.paced import PacedRegulator, Sample, small_limits
-from soro_hardware.hil.plan import FirstPressureConfig, Plan, ProcedureState
+from soro_hardware.hil.measured import PressureHold
+from soro_hardware.hil.paced import CycleSample, PacedRegulator, small_limits
+from soro_hardware.hil.plan import FirstPressureConfig, HilPlan, ProcedureState
 from soro_hardware.hil.pressurise import directions, expectation
 from tests.refused import fails
 
@@ -223,12 +223,12 @@ def test_the_limits_end_above_the_highest_step_and_within_the_rating():
 
 def test_a_sign_that_is_wrong_is_named():
     expected = Expectation(NAMES[:1], (5e3,), RegulatorModel(), 50e3, 0.005)
-    hold = Hold(0, 5e3, np.array([-4.5e3]), 0.0, 1.0, 0.1, None)
+    hold = PressureHold(0, 5e3, np.array([-4.5e3]), 0.0, 1.0, 0.1, None)
     (finding,) = judge_holds(expected, [hold])
     assert finding.found.startswith("wrong sign: reads -4.50 kPa")
 
 
-PLAN = Plan(
+PLAN = HilPlan(
     CONFIG, Expectation(NAMES, CONFIG.steps_pa, RegulatorModel(), CONFIG.rise_pa_s, 0.005), confirm=False
 )
 READINGS = st.lists(st.sampled_from([0.0, 4.6e3, 9.6e3, 19.6e3, -5e3, np.nan]), min_size=3, max_size=3)
@@ -239,7 +239,7 @@ READINGS = st.lists(st.sampled_from([0.0, 4.6e3, 9.6e3, 19.6e3, -5e3, np.nan]), 
 def test_whatever_is_read_one_chamber_is_asked_for_at_most_and_none_after_a_trip(readings):
     state, tripped = ProcedureState(), False
     for n, (reading, cause) in enumerate(readings):
-        sample = Sample(
+        sample = CycleSample(
             0.3 * n, np.zeros(3), np.zeros(3), np.array(reading), np.ones(3, dtype=bool), 0.0, cause
         )
         state, order = advance(PLAN, state, sample)

@@ -12,7 +12,7 @@ from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.hil import latency, report
 from soro_hardware.hil.latency import LatencyConfig, compare, evaluate
 from soro_hardware.hil.latency_run import latency_limits, measure
-from soro_hardware.hil.paced import PacedRegulator, Sample
+from soro_hardware.hil.paced import CycleSample, PacedRegulator
 from tests.refused import fails
 
 CONFIG = LatencyConfig(repeat=6, hold_s=0.4)
@@ -47,7 +47,7 @@ def test_dead_time_and_lag_are_those_of_the_emulated_valves(on_can, figure):
         assert 0.010 <= chamber.moved.p50_s <= 0.020
         assert chamber.t63_up_s == pytest.approx(0.0575, abs=0.0076)
         assert chamber.t63_down_s == pytest.approx(0.0575, abs=0.0076)
-    assert all(finding.level == "ok" for finding in compare(found, platform().emulation.regulator, 200.0))
+    assert all(finding.level == "ok" for finding in compare(found, platform().regulator, 200.0))
 
 
 def test_steps_are_small_one_at_a_time_and_within_one_cycle(on_can):
@@ -86,7 +86,7 @@ def risen(t):
 
 def sample(n, sent_pa, pressure_pa, took_s=0.0):
     sent, fresh = np.array([sent_pa]), np.ones(1, dtype=bool)
-    return Sample(0.005 * n, sent, sent, np.array([pressure_pa]), fresh, took_s)
+    return CycleSample(0.005 * n, sent, sent, np.array([pressure_pa]), fresh, took_s)
 
 
 def test_the_time_that_an_exchange_takes_counts():

@@ -21,7 +21,7 @@ def test_shipped_platform():
     assert platform.chamber_names == ("link0/chamber0", "link0/chamber1", "link0/chamber2")
     assert (platform.range.minimum_pa, platform.range.maximum_pa) == (0.0, 90e3)
     assert platform.range.maximum_pa < 100e3, "rating of the valves"
-    air = platform.emulation.regulator
+    air = platform.regulator
     assert (air.tau_s, air.delay_s, air.reading_noise_pa, air.hysteresis_pa) == (0.052, 0.005, 100.0, 900.0)
     assert platform.canopen.heartbeat_s == 0.025
 
@@ -87,7 +87,7 @@ BAD = {
         ("canopen.heartbeat_consumer_s", "2.0"),
     ),
     "heartbeat too slow": ({"canopen": {"heartbeat_s": 0.08}}, ("", "canopen.heartbeat_consumer_s:")),
-    "air": ({"emulation": {"regulator": {"tau_s": -1.0}}}, ("emulation.regulator.tau_s", "-1.0")),
+    "air": ({"regulator": {"tau_s": -1.0}}, ("regulator.tau_s", "-1.0")),
     "unit": ({"emulation": {"pressure_unit": "psi"}}, ("emulation.pressure_unit", "'psi'")),
 }
 
@@ -150,7 +150,7 @@ def test_what_a_loop_expects_follows_the_platform(name, age_s, later_s):
     regulator = open_regulator(platform, "/dev/null")
     limits, response = watched(platform, regulator, Limits(), 200.0, name)
     assert limits.reading_age_s == pytest.approx(age_s, abs=1e-3)
-    own = platform.emulation.regulator
+    own = platform.regulator
     assert response.delay_s - own.delay_s == pytest.approx(later_s, abs=1e-3)
     assert response.tau_s == own.tau_s
     asked, _ = watched(platform, regulator, Limits(reading_age_s=0.4), 200.0, name)

@@ -11,7 +11,7 @@ from soro_core.errors import ConfigError, HardwareError
 from soro_hardware.emulation.serial_line.alicat import EmulatedAlicat
 from soro_hardware.emulation.serial_line.valve import ValveSetup
 from soro_hardware.serial_line.alicat_codec import (
-    Layout,
+    FrameLayout,
     is_refusal,
     parse_frame,
     parse_layout,
@@ -25,7 +25,7 @@ NEW, LATE_8, OLD = "10v20.0-R24", "8v17.0-R23", "5v12.0-R22"
 
 
 def bench_of(n=3, firmware=NEW, **changes):
-    return SerialBench(alicat(n, emulation=quiet(firmware=firmware), **changes))
+    return SerialBench(alicat(n, **quiet(firmware=firmware), **changes))
 
 
 @pytest.fixture
@@ -181,8 +181,8 @@ def layout(rows, unit="A"):
 
 
 def test_layouts():
-    assert layout(GAUGE_PSI) == Layout(3, 1, 2, 6894.757293168, 2)
-    assert layout(OLD_PSI) == Layout(4, 2, 3, 6894.757293168, 1)
+    assert layout(GAUGE_PSI) == FrameLayout(3, 1, 2, 6894.757293168, 2)
+    assert layout(OLD_PSI) == FrameLayout(4, 2, 3, 6894.757293168, 1)
     assert layout(OLD_PSI).resolution_pa == pytest.approx(689.4757293168)
 
 
@@ -257,7 +257,7 @@ def test_confirmations_refusals_versions():
     ("unit", "firmware"), [("PSIG", NEW), ("barG", NEW), ("PSIG", OLD), ("kPaG", LATE_8)]
 )
 def test_units(unit, firmware):
-    bench = SerialBench(alicat(2, emulation=quiet(firmware=firmware, unit=unit)))
+    bench = SerialBench(alicat(2, **quiet(firmware=firmware, unit=unit)))
     bench.driver.configure()
     result = bench.run(120, 20e3, 70e3)
     assert result.faults == ()
@@ -328,7 +328,7 @@ def test_sensor_flags(three):
 
 def test_refused_set_point():
     """Devices whose full scale is lower than the platform says."""
-    bench = SerialBench(alicat(3, emulation=quiet(full_scale_pa=50e3)))
+    bench = SerialBench(alicat(3, **quiet(full_scale_pa=50e3)))
     bench.driver.configure()
     assert bench.run(120, 20e3, 40e3, 30e3).faults == ()
     seen = {code for _ in range(60) for code in codes(bench.exchange(20e3, 80e3, 30e3))}

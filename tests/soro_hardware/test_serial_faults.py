@@ -9,9 +9,9 @@ from serial_bench import SerialBench, alicat, itv, quiet
 from soro_hardware.emulation.faults.fault_types import Injection
 
 MAKE = {
-    "itv": lambda: SerialBench(itv(emulation=quiet())),
-    "alicat": lambda: SerialBench(alicat(emulation=quiet())),
-    "alicat old": lambda: SerialBench(alicat(emulation=quiet(firmware="5v12.0-R22"))),
+    "itv": lambda: SerialBench(itv(**quiet())),
+    "alicat": lambda: SerialBench(alicat(**quiet())),
+    "alicat old": lambda: SerialBench(alicat(**quiet(firmware="5v12.0-R22"))),
 }
 FIRST = "link0/chamber0"
 TOLERATED = {
@@ -129,7 +129,7 @@ def test_an_answer_that_is_lost_or_late_does_not_end_the_start_up(make, late):
 @pytest.mark.parametrize("make", [itv, alicat], ids=["itv", "alicat"])
 def test_a_set_point_that_the_line_has_changed_is_sent_again_at_once(make):
     """One bit of a digit: the device takes 60 kPa for 20 and reports it; it has not been restarted."""
-    bench = SerialBench(make(1, emulation=quiet()))
+    bench = SerialBench(make(1, **quiet()))
     bench.driver.configure()
     bench.run(80, 18e3)
     line, changed = bench.devices.lines[0], []
@@ -148,7 +148,7 @@ def test_a_set_point_that_the_line_has_changed_is_sent_again_at_once(make):
         highest = max(highest, float(bench.devices.pressure_pa[0]))
     assert changed
     # The valve goes the wrong way for two rounds of set point and reading at most, each asked in a cycle.
-    model = bench.platform.emulation.regulator
+    model = bench.platform.regulator
     wrong_s = 2 * max(1 / bench.driver.update_hz, 2e-9 * bench.period_ns)
     assert highest < 60e3 - (60e3 - 18e3) * np.exp(-wrong_s / model.tau_s)
     assert bench.devices.pressure_pa[0] == pytest.approx(20e3, abs=500.0)

@@ -14,7 +14,7 @@ from tests.refused import fails
 
 @pytest.fixture
 def one():
-    bench = SerialBench(itv(1, emulation=quiet()))
+    bench = SerialBench(itv(1, **quiet()))
     bench.driver.configure()
     return bench
 

@@ -16,7 +16,7 @@ from soro_hardware.emulation.serial_line.uart import Station, Uart
 from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 from soro_hardware.serial_line.line.lines import LineSplitter
 from soro_hardware.serial_line.line.port import SerialPort, open_with_retries, paths_of
-from soro_hardware.serial_line.line.session import Session
+from soro_hardware.serial_line.line.session import StartupSession
 from soro_hardware.serial_line.lockstep import LockstepPort
 from tests.refused import fails
 
@@ -318,7 +318,7 @@ def test_configure_waits_for_a_port_that_comes_back(tmp_path):
 
 
 def test_no_supervisor_in_lockstep_or_where_it_is_switched_off():
-    bench = SerialBench(itv(1, emulation=quiet()))
+    bench = SerialBench(itv(1, **quiet()))
     bench.driver.configure()
     assert bench.driver.supervisor is None
     assert not bench.driver.device_watchdog
@@ -351,6 +351,6 @@ class Noise:
 @pytest.mark.parametrize("noise", [b"A M00 x\r", b"xxxxxxxx"], ids=["lines", "bytes"])
 def test_a_line_that_is_never_quiet_does_not_hold_the_start_up_up(noise):
     line = Noise(noise)
-    session = Session(line, line, "port0", itv().line)
+    session = StartupSession(line, line, "port0", itv().line)
     session.try_ask(b"REQ\r")
     session.try_ask_table(b"A??D*\r")

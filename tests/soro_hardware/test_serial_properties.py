@@ -16,9 +16,9 @@ from soro_hardware.serial_line.line.lines import LineSplitter
 
 NEW, OLD = "10v20.0-R24", "5v12.0-R22"
 MAKE = {
-    "itv": lambda: SerialBench(itv(2, emulation=quiet())),
-    "alicat": lambda: SerialBench(alicat(2, emulation=quiet(firmware=NEW))),
-    "alicat old": lambda: SerialBench(alicat(2, emulation=quiet(firmware=OLD))),
+    "itv": lambda: SerialBench(itv(2, **quiet())),
+    "alicat": lambda: SerialBench(alicat(2, **quiet(firmware=NEW))),
+    "alicat old": lambda: SerialBench(alicat(2, **quiet(firmware=OLD))),
 }
 SET = {
     "itv": re.compile(r"> SET (\d+)"),
@@ -80,7 +80,7 @@ LINES = [
     b"A D02 006 Gauge Press                s decimal     7/2 014 02 kPaG",
     b"A  D03 SetPoint    signed    +000.00  +103.40     kPaG",
 ]
-GAUGE = alicat_codec.Layout(3, 1, 2, 1e3, 2)
+GAUGE = alicat_codec.FrameLayout(3, 1, 2, 1e3, 2)
 
 
 def mutated(rng):

@@ -247,7 +247,7 @@ def test_repeats_until_it_is_confirmed(line, monkeypatch):
     os.write(line.master, b"0\r\n")
     status, text = end_of(process)
     assert status == 0
-    assert heard.startswith(b"\r\n")  # ends what the driver may have begun
+    assert heard.startswith(b"\r\n")  # ends what the driver may have started
     assert "the driver died; vented" in text
 
 

@@ -20,7 +20,7 @@ from soro_hardware.transport.slcan_codec import encode
 
 # Closed twice, 1 Mbit/s, no time stamps, frames as they come, a filter that lets all through, open.
 SLCAN_OPENS = b"C\rC\rS8\rZ0\rX1\rM00000000\rmFFFFFFFF\rO\r"
-QUIET = {"emulation": {"regulator": {"reading_noise_pa": 0.0}}}
+QUIET = {"regulator": {"reading_noise_pa": 0.0}}
 
 
 @pytest.fixture

@@ -268,7 +268,7 @@ def test_a_server_that_never_stops_sending_holds_nothing_up(bench, monkeypatch):
         bench.driver.vent()
         result = bench.exchange(20e3)
         assert codes(result) == {"out_of_sync"}
-        assert "without a pause" in result.trouble
+        assert "without a pause" in result.fault_text
         assert not result.sent_pa.any()
     bench.driver.close()
 

@@ -17,12 +17,13 @@ from soro_hardware.emulation.faults.fault_types import Injection
 from soro_hardware.vtem import registers
 from soro_hardware.vtem.driver import VtemRegulator
 from soro_hardware.vtem.modbus import ModbusDecoder, write_request
-from soro_hardware.vtem.registers import Layout, SlotState, Status, command
+from soro_hardware.vtem.registers import RegisterLayout, SlotState, SlotStatus, command
 from tests.refused import fails
 
 ONE = {
     "valves": [{"chamber": "link0/chamber0", "slot": 1, "valve": 0}],
-    "emulation": {"boot_s": 0.0, "app_start_s": 0.005, "regulator": {"reading_noise_pa": 0.0}},
+    "emulation": {"boot_s": 0.0, "app_start_s": 0.005},
+    "regulator": {"reading_noise_pa": 0.0},
 }
 
 SLOT = "link0/chamber0, link0/chamber1 (slot 0)"
@@ -95,7 +96,7 @@ def test_a_cycle_by_one_message():
 
 
 def test_words_of_a_block():
-    layout = Layout(((1, 1), (3, 0), (3, 1)))
+    layout = RegisterLayout(((1, 1), (3, 0), (3, 1)))
     assert (layout.offset, layout.size, layout.slots) == (3, 9, (1, 3))
     assert [layout.control(slot) for slot in layout.slots] == [1, 3]
     # Of the range -4.97 to 90.07 kPa whole mbar are left, and the slot in between rests.
@@ -112,10 +113,10 @@ def test_pressures_as_words(pressure_pa):
 
 
 def test_status_words():
-    assert Status.of(0xAB83) == Status(3, SlotState.RUNNING)
-    assert Status.of(0x7D).is_idle
-    assert not Status.of(0xC3).regulates, "app 3, but a failure"
-    assert {Status.of(word).word for word in range(256)} == set(range(256))
+    assert SlotStatus.of(0xAB83) == SlotStatus(3, SlotState.RUNNING)
+    assert SlotStatus.of(0x7D).is_idle
+    assert not SlotStatus.of(0xC3).regulates, "app 3, but a failure"
+    assert {SlotStatus.of(word).word for word in range(256)} == set(range(256))
 
 
 @pytest.mark.parametrize(
@@ -381,7 +382,7 @@ def test_the_process_beside_it_is_told_whether_the_arm_was_seen_empty(bench, pre
 
 @pytest.mark.parametrize("pressure_pa", [0.0, 1.9e3, 2.1e3, 30e3])
 def test_the_second_process_asks_for_inputs_that_show_an_empty_arm(pressure_pa):
-    bench = VtemBench(vtem_platform(emulation={"regulator": {"reading_noise_pa": 0.0, "hysteresis_pa": 0.0}}))
+    bench = VtemBench(vtem_platform(regulator={"reading_noise_pa": 0.0, "hysteresis_pa": 0.0}))
     bench.driver.configure()
     bench.run(200, pressure_pa)
     zero, read = bench.driver.vent_plan().steps

@@ -24,7 +24,7 @@ VTEM: dict[str, Any] = {
         for n, (slot, valve) in enumerate(PLACES)
     ],
     "host": {"stale_cycles": 3, "start_timeout_s": 2.0},
-    "emulation": {**COMMON["emulation"], "boot_s": 0.05, "app_start_s": 0.05},
+    "emulation": {"boot_s": 0.05, "app_start_s": 0.05},
 }
 
 

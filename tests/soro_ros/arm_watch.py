@@ -11,7 +11,7 @@ from sensor_msgs.msg import JointState
 
 from soro_core.errors import SoroError
 from soro_ros.conversion import qos
-from soro_ros.run.supervisor import Supervisor
+from soro_ros.run.supervisor import RunMonitor
 from soro_ros.topics.diagnostics import ERROR, VENTED
 from tests.patience import LIMIT_S
 from tests.soro_ros.running import wait_until
@@ -31,7 +31,7 @@ class ArmWatch:
 
     def __init__(self, namespace: str, driver: str) -> None:
         self._driver, self.pressure_pa = driver, np.zeros(1)
-        self.supervisor = Supervisor(namespace)
+        self.supervisor = RunMonitor(namespace)
         self._node = Node("watcher", namespace=namespace)
         self._node.create_subscription(JointState, "chambers/state", self._on_reading, qos.SENSOR)
         self.supervisor.add_node(self._node)

@@ -21,7 +21,7 @@ from soro_core.errors import HardwareError
 from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 from soro_ros.conversion import messages, qos
 from soro_ros.host import services
-from soro_ros.run.supervisor import Supervisor
+from soro_ros.run.supervisor import RunMonitor
 from soro_ros.topics.diagnostics import ERROR
 from tests.patience import LIMIT_S, patient_platform
 from tests.soro_ros.running import end, wait_until
@@ -66,7 +66,7 @@ class Bench:
         else:  # what is tested is not how punctual the person is
             settings |= {"limits.command_age_s": 0.5, "limits.reading_age_s": 0.5}
         self.start_valves()
-        self.supervisor = Supervisor("bench")
+        self.supervisor = RunMonitor("bench")
         node = [sys.executable, "-m", "soro_ros.nodes.regulator", "--ros-args", "-r", "__ns:=/bench"]
         self._regulate = [
             *node,

@@ -39,7 +39,7 @@ def without_valves(scene: Scene) -> Scene:
     platform = scene.loaded_platform
     if platform is None:
         return scene
-    twin = with_changes(scene.twin, regulator=platform.emulation.regulator)
+    twin = with_changes(scene.twin, regulator=platform.regulator)
     return with_changes(scene, platform="", twin=twin, faults=())
 
 

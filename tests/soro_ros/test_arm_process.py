@@ -13,7 +13,7 @@ from soro_core.errors import ConfigError
 from soro_ros.host import middleware
 from soro_ros.nodes import arm
 from soro_ros.nodes.twin import TwinNode
-from soro_ros.run.supervisor import Supervisor
+from soro_ros.run.supervisor import RunMonitor
 from tests.patience import COMPILED_S
 from tests.refused import refused_keys
 from tests.soro_ros.running import ClockListener, end, wait_until
@@ -81,7 +81,7 @@ def test_a_node_whose_start_fails_stays_and_the_others_say_so(domain):
     command += ["-r", "__ns:=/one", "-p", "twin:robot:=nobody"]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        with Supervisor("one") as supervisor:
+        with RunMonitor("one") as supervisor:
 
             def said(name: str, words: str) -> bool:
                 return name in supervisor.status and words in supervisor.status[name].message
@@ -122,7 +122,7 @@ def test_the_loop_runs_in_one_process_and_ends_by_ctrl_c(domain):
     try:
         clock.wait(END_S, COMPILED_S)
         clock.close()
-        with Supervisor("one") as supervisor:
+        with RunMonitor("one") as supervisor:
             names = ("estimator", "controller", "twin")
             supervisor.wait("nodes", lambda: all(map(supervisor.active, names)), lambda: None, COMPILED_S)
             assert {supervisor.values(name)["pid"] for name in names} == {str(process.pid)}

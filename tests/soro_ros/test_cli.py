@@ -78,7 +78,7 @@ def test_the_automatic_numbers_of_law_adaptive_are_printed(soro):
         (
             "platform: emulated_canopen\ntwin: {regulator: {tau_s: 0.1}}\n",
             "FILE",
-            ("regulator", "twin", "emulation.regulator"),
+            ("regulator", "twin", "regulator"),
         ),
         (
             "twin: {payload_kg: 0.02, integrator: trapezoidal, valve: {supply_pa: 200e3}}\n",

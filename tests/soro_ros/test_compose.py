@@ -222,7 +222,7 @@ class Saying(Ready):
 
 
 @pytest.fixture
-def begun(start):
+def started(start):
     """A run with an observer of each kind, in control, and the lines that it reports."""
     run, lines = start({"platform": "", "markers": True, "mode": "lockstep"})
     run.start(Ready())
@@ -231,8 +231,8 @@ def begun(start):
 
 
 @pytest.mark.process
-def test_the_failure_of_an_observer_is_a_warning_and_that_of_the_recorder_no_judgement(begun):
-    run, lines = begun
+def test_the_failure_of_an_observer_is_a_warning_and_that_of_the_recorder_no_judgement(started):
+    run, lines = started
     for _ in range(2):
         run.check_nodes(Saying(errors=["markers"], silent=["recorder"]), 1.0)
     assert run.warnings == {"markers": "markers: disk full", "recorder": "recorder: no message"}
@@ -243,8 +243,8 @@ def test_the_failure_of_an_observer_is_a_warning_and_that_of_the_recorder_no_jud
 
 
 @pytest.mark.process
-def test_an_observer_that_has_ended_is_reported_once_and_ends_nothing(begun):
-    run, lines = begun
+def test_an_observer_that_has_ended_is_reported_once_and_ends_nothing(started):
+    run, lines = started
     run._children["recorder"].process.kill()
     run._children["recorder"].process.wait()
     for _ in range(2):
@@ -258,9 +258,9 @@ def test_an_observer_that_has_ended_is_reported_once_and_ends_nothing(begun):
 @pytest.mark.process
 @pytest.mark.parametrize("name", ["twin", "estimator", "controller"])
 @pytest.mark.parametrize("how", ["errors", "silent"])
-def test_the_failure_of_a_node_of_the_loop_ends_the_run(begun, name, how):
+def test_the_failure_of_a_node_of_the_loop_ends_the_run(started, name, how):
     with pytest.raises(SoroError, match=name):
-        begun[0].check_nodes(Saying(**{how: [name]}), 1.0)
+        started[0].check_nodes(Saying(**{how: [name]}), 1.0)
 
 
 @pytest.mark.process

@@ -114,10 +114,10 @@ def test_events_that_a_full_disk_refuses_are_counted(folder, monkeypatch):
 
 
 def test_events_that_a_slow_disk_loses_are_counted(folder, monkeypatch):
-    append, goes_on, begun = event_log._append, threading.Event(), threading.Event()
+    append, goes_on, started = event_log._append, threading.Event(), threading.Event()
 
     def slow(line):
-        begun.set()
+        started.set()
         assert goes_on.wait(60)
         append(line)
 
@@ -125,7 +125,7 @@ def test_events_that_a_slow_disk_loses_are_counted(folder, monkeypatch):
     monkeypatch.setattr(event_log, "_WAITING", 4)
     log = EventLog("/", "regulator", pytest.fail)
     log.note("parameter", "first")
-    assert begun.wait(60)
+    assert started.wait(60)
     for k in range(10):
         log.note("parameter", str(k))  # four wait
     goes_on.set()

@@ -297,11 +297,11 @@ def test_markers():
 @pytest.fixture
 def page():
     pytest.importorskip("viser", reason="the extra `view` is not installed")
-    from soro_ros.view.page import Page
+    from soro_ros.view.page import ViewerPage
     from soro_ros.view.server import ViewServer
 
     server = ViewServer(Access(), 18480)
-    yield Page(server, load_robot("tue_three_bellow"))
+    yield ViewerPage(server, load_robot("tue_three_bellow"))
     server.stop()
 
 

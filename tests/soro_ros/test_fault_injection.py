@@ -15,7 +15,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from soro_core.errors import HardwareError
-from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.schedule import FaultSchedule
 from soro_hardware.emulation.sockets.control import ControlServer
 from soro_lab.scene import load_scene
 from soro_ros.conversion import qos
@@ -63,7 +63,7 @@ class Served:
     """A control socket with a thread behind it."""
 
     def __init__(self, path):
-        self.faults = Faults()
+        self.faults = FaultSchedule()
         self.faults.chambers = ("link0/chamber0",)
         self._selector = selectors.SelectSelector()
         self._server = ControlServer(path, self.faults, self._selector)

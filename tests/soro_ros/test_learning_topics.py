@@ -9,7 +9,7 @@ from std_msgs.msg import Float64MultiArray
 from soro_core.adaptation import Learned
 from soro_core.adaptation.learner import Learner
 from soro_core.control.laws import Certainty
-from soro_core.control.nonuniform_strain import Uneven
+from soro_core.control.nonuniform_strain import NonuniformStrain
 from soro_core.loop import Loop
 from soro_core.robot import load_robot
 from soro_core.rotation import matrix_from_quaternion
@@ -188,7 +188,7 @@ def test_in_lockstep_a_controller_that_learns_waits_for_the_covariance(domain):
 
 
 def test_what_is_learned_is_told_again_before_the_filter_forgets_it(domain):
-    fixed = "control.adapt:=false", "control.law_options.uneven:=false"
+    fixed = "control.adapt:=false", "control.law_options.nonuniform_strain:=false"
     with active(ControllerNode, "control.law:=composite", "enabled:=true", *fixed) as node:
         sent, zero = captured(node, "arm/learned"), np.zeros(3)
         first_ns = node.get_clock().now().nanoseconds
@@ -205,13 +205,13 @@ def test_what_is_learned_is_told_again_before_the_filter_forgets_it(domain):
 def test_before_its_first_tick_a_controller_has_learned_and_bent_once(domain, monkeypatch, rate_hz):
     """What runs for the first time in the loop is compiled there, for longer than a watchdog waits."""
     called = []
-    for owner in (Learner, Uneven):
+    for owner in (Learner, NonuniformStrain):
         step = owner.step
         monkeypatch.setattr(
             owner, "step", lambda self, *given, step=step: (called.append(type(self)), step(self, *given))[1]
         )
     with active(ControllerNode, "control.law:=composite", f"rate_hz:={rate_hz}"):
-        assert set(called) == {Learner, Uneven}
+        assert set(called) == {Learner, NonuniformStrain}
 
 
 def test_keys_of_a_law_reach_the_node(domain):

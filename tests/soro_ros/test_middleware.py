@@ -28,10 +28,10 @@ publisher = node.create_publisher(String, "words", 10)
 while not publisher.get_subscription_count():
     time.sleep(0.02)
 for _ in range(6):
-    begun = time.monotonic()
+    started = time.monotonic()
     publisher.publish(String(data="word"))
     assert publisher.wait_for_all_acked(Duration(seconds=60.0))
-    print(time.monotonic() - begun, flush=True)
+    print(time.monotonic() - started, flush=True)
 """
 
 

@@ -113,11 +113,11 @@ def test_a_path_is_followed_to_its_end_and_reported(alone):
         assert float(values["factor"]) == 1.0
 
         # In the frame of the base, with the speed of the parameter; orientations are not followed.
-        begun_s = it.t_s
+        start_s = it.t_s
         it.node.set_parameters([rclpy.Parameter("control.motion.speed_m_s", value=0.004)])
         it.send(goal, [0.0, 0.0, 0.066], frame="", stamp_s=2.0)
         assert it.until("reached") == ""
-        assert it.t_s - begun_s > 2.0
+        assert it.t_s - start_s > 2.0
         # A refusal changes nothing.
         before = it.wanted
         for wrong in ({"frame": "camera"}, {}):

@@ -41,7 +41,7 @@ from soro_ros.nodes.twin import TwinNode
 from soro_ros.process import command_line, node_process, parameters
 from soro_ros.run import supervisor as supervisor_module
 from soro_ros.run.processes import NodeError
-from soro_ros.run.supervisor import Supervisor
+from soro_ros.run.supervisor import RunMonitor
 from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
@@ -63,7 +63,7 @@ def start(name: str, *settings: str) -> subprocess.Popen[str]:
 @pytest.mark.process
 @pytest.mark.parametrize("name", ["estimator", "controller", "twin"])
 def test_a_node_without_parameters_configures_the_default_robot(domain, name):
-    with Supervisor("alone") as supervisor:
+    with RunMonitor("alone") as supervisor:
         process = start(name)
         try:
             supervisor.wait(name, lambda: supervisor.active(name), lambda: None, COMPILED_S)
@@ -256,7 +256,7 @@ STATES = {
 }
 
 
-def change(supervisor: Supervisor, name: str, transition: int) -> None:
+def change(supervisor: RunMonitor, name: str, transition: int) -> None:
     """Ask for a lifecycle transition, and wait until the node reports the state that it leads to.
 
     Not for the answer: the middleware drops one to a client that the server has not discovered within 0.1 s.
@@ -286,7 +286,7 @@ def test_a_node_lives_through_its_lifecycle_twice(domain, tmp_path, name):
         settings += [f"device:={device}", f"platform:={platform}"]
     if name == "recorder":
         settings.append(f"folder:={tmp_path / 'bag'}")
-    with Supervisor("alone") as supervisor:
+    with RunMonitor("alone") as supervisor:
         process = start(name, *settings)
         try:
             supervisor.wait(name, lambda: name in supervisor.status, lambda: None, LIMIT_S)
@@ -472,7 +472,7 @@ def test_a_chamber_that_keeps_its_pressure_is_reported_once_and_keeps_the_latch(
 @pytest.mark.parametrize("silent", [False, True])
 def test_a_node_that_stops_its_diagnostics_is_an_error(domain, monkeypatch, silent):
     monkeypatch.setattr(supervisor_module, "SILENT_S", 0.5)
-    with Supervisor("alone") as supervisor:
+    with RunMonitor("alone") as supervisor:
         node = Node("controller", namespace="alone")
         diagnostics = Diagnostics(node)
 
@@ -506,7 +506,7 @@ class Person:
     The controller is in lockstep: its time is that of the ticks, however fast or busy the machine is.
     """
 
-    def __init__(self, supervisor: Supervisor) -> None:
+    def __init__(self, supervisor: RunMonitor) -> None:
         self.supervisor, self.t_s = supervisor, 1.0
         self.node = Node("person", namespace="alone")
         self.state = self.node.create_publisher(JointState, "arm/state", qos.LOCKSTEP)
@@ -564,7 +564,7 @@ class Person:
 @contextlib.contextmanager
 def person(**reference: object) -> Iterator[Person]:
     """A person beside a controller node, which holds until it hears of something else."""
-    with Supervisor("alone") as supervisor:
+    with RunMonitor("alone") as supervisor:
         settings = {"kind": "hold", **reference}
         process = start(
             "controller", "mode:=lockstep", *(f"control.reference.{k}:={v}" for k, v in settings.items())

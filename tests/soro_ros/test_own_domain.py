@@ -30,8 +30,8 @@ def schedulers():
 
 @pytest.mark.parametrize("leave", ["the domain", "punctual"])
 def test_a_real_time_priority_ends_in_every_thread(tmp_path, leave):
-    if trouble := timing.prioritise(1):
-        pytest.skip(f"no right to a real-time priority: {trouble}")
+    if failure := timing.prioritise(1):
+        pytest.skip(f"no right to a real-time priority: {failure}")
     timing.prioritise(0)
     ended = threading.Event()
     thread = threading.Thread(target=ended.wait)

@@ -18,7 +18,7 @@ from soro_ros.process import command_line, parameters
 from soro_ros.process.parameter_files import given_by_name
 from soro_ros.run import processes
 from soro_ros.ticks.controller_ticks import ControllerTicks
-from soro_ros.topics.ports import Ports
+from soro_ros.topics.ports import NodeOutputs
 from tests.counted import counted
 from tests.refused import fails
 
@@ -87,7 +87,7 @@ def test_a_controller_node_checks_its_section_once(domain, tmp_path):
         try:
             node = ControllerNode()
             read = parameters.read(node, ControllerNode.config_model)
-            ControllerTicks(read, "/scene/controller", Ports(print))
+            ControllerTicks(read, "/scene/controller", NodeOutputs(print))
             node.destroy_node()
         finally:
             rclpy.shutdown()

@@ -24,7 +24,7 @@ from soro_ros.pictures import panels
 from soro_ros.pictures.picture import picture
 from soro_ros.pictures.run_view import open_run
 from soro_ros.recordings.events import Said, clock, events_of
-from soro_ros.recordings.recording import Series
+from soro_ros.recordings.recording import TopicSeries
 from soro_ros.recordings.selection import fields_of
 from soro_ros.run.execution import End
 
@@ -144,11 +144,11 @@ def test_a_trip_is_marked_at_its_time_in_simulated_time(tripped):
 
 def test_no_line_is_drawn_over_a_gap():
     t = np.delete(np.arange(0.0, 2.0, 0.005), np.s_[100:200])
-    shown = panels.broken(Series(t, np.column_stack([t, -t])))
+    shown = panels.broken(TopicSeries(t, np.column_stack([t, -t])))
     (gap,) = np.flatnonzero(np.isnan(shown.value[:, 0]))
     assert shown.t[gap - 1 : gap + 2] == pytest.approx([0.495, 0.7475, 1.0])
     assert np.delete(shown.value, gap, axis=0) == pytest.approx(np.column_stack([t, -t]))
-    assert panels.broken(Series(t[:100], t[:100, None])).t == pytest.approx(t[:100])
+    assert panels.broken(TopicSeries(t[:100], t[:100, None])).t == pytest.approx(t[:100])
 
 
 @pytest.mark.parametrize(

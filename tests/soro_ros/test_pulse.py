@@ -29,18 +29,18 @@ def test_a_silence_of_a_second_is_trouble_and_the_end_of_the_pipe_at_once():
     ours, theirs = os.pipe()
     heard = Listener(ours, lambda: now_s[0])
     now_s[0] = 100.0
-    assert heard.trouble() is None  # none has come yet: nothing moves before the first one
+    assert heard.failure() is None  # none has come yet: nothing moves before the first one
     os.write(theirs, b"...")
-    assert heard.trouble() is None
+    assert heard.failure() is None
     now_s[0] += LIMIT_S
-    assert heard.trouble() is None
+    assert heard.failure() is None
     now_s[0] += 0.01
-    assert "stopped or hangs" in heard.trouble()
+    assert "stopped or hangs" in heard.failure()
     os.write(theirs, b".")
-    assert heard.trouble() is None
+    assert heard.failure() is None
     os.close(theirs)
-    assert "has ended" in heard.trouble()
-    assert "has ended" in heard.trouble()
+    assert "has ended" in heard.failure()
+    assert "has ended" in heard.failure()
     os.close(ours)
 
 

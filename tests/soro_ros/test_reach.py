@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from soro_ros.host import middleware
-from soro_ros.run.supervisor import Supervisor
+from soro_ros.run.supervisor import RunMonitor
 from tests.patience import COMPILED_S
 from tests.soro_ros import two_hosts
 from tests.soro_ros.running import SORO, end, wait_until
@@ -162,7 +162,7 @@ def test_a_plain_program_on_this_host_finds_every_topic_and_has_data_both_ways(d
     twin += ["-p", "limits.command_age_s:=0.5", "-p", "priority:=0"]
     node = subprocess.Popen(twin, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        with Supervisor("host") as supervisor:
+        with RunMonitor("host") as supervisor:
             supervisor.wait("twin", lambda: supervisor.active("twin"), lambda: None, COMPILED_S)
             program = [sys.executable, "-c", _PLAIN.format(names=CHAMBERS)]
             done = subprocess.run(program, env=plain, capture_output=True, text=True, check=False)

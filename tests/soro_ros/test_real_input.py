@@ -14,7 +14,7 @@ from soro_lab.bag import BagReader, BagWriter, Qos, Topic
 from soro_lab.identification import curvature_errors, fit_frame, read_forced
 from soro_ros.conversion import messages
 from soro_ros.conversion.interfaces import definition
-from soro_ros.run.supervisor import Supervisor
+from soro_ros.run.supervisor import RunMonitor
 from tests.patience import LIMIT_S
 from tests.soro_ros.running import end
 
@@ -56,7 +56,7 @@ def test_measured_pressures_through_player_and_twin_give_the_measured_curvatures
     recorder = node("recorder", f"folder:={tmp_path / 'replayed'}", f"topics:=['{TRUTH} {JOINT_STATE}']")
     player = None
     try:
-        with Supervisor("replay") as supervisor:
+        with RunMonitor("replay") as supervisor:
             supervisor.wait(
                 "twin and recorder",
                 lambda: supervisor.active("twin") and supervisor.active("recorder"),

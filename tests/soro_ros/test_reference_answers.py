@@ -51,10 +51,10 @@ def test_a_pose_is_answered_until_the_tip_is_there(alone):
     with controller() as it:
         send_tip(it, 0.01, stamp_s=1.0)
         assert answers(it) == [("moving", "tip", 1.0)]
-        begun_s = it.t_s
+        start_s = it.t_s
         it.until("reached")
         assert it.wanted == pytest.approx([0.01, 0.0, 0.066], abs=1e-4)
-        assert it.t_s > begun_s
+        assert it.t_s > start_s
         send_tip(it, 0.01, stamp_s=2.0)  # the arm is there
         send_tip(it, 0.3, stamp_s=3.0)
         assert "allowed: a point that the tip can reach" in it.reports[-1].message
@@ -82,11 +82,11 @@ def test_a_trajectory_is_reached_at_its_end(alone):
     with controller() as it:
         rest, bent = [0.02, 0.0, 0.0], [0.02, 5.0, 0.0]
         send_trajectory(it, (0.5, rest), (1.5, rest), (2.5, bent), stamp_s=1.0)
-        begun_s = it.t_s
+        start_s = it.t_s
         it.tick(250)
         assert it.states == ["moving"], "it rests on the way, where the tip is near"
         it.until("reached")
-        assert it.t_s - begun_s == pytest.approx(2.5, abs=0.1)
+        assert it.t_s - start_s == pytest.approx(2.5, abs=0.1)
         send_trajectory(it, (0.5, [9.0, 0.0, 0.0]), stamp_s=2.0)
         assert answers(it)[-1] == ("refused", "trajectory", 2.0)
 

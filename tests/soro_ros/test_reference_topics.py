@@ -14,12 +14,12 @@ TICKS_HZ = 200
 def stream(it: Person, publisher, message_at, hz: int, seconds: float) -> float:
     """Publish `message_at(t)` at a rate of the ticks' time; returns when it began."""
     it.seen.clear()
-    begun = it.t_s
+    started = it.t_s
     for tick in range(round(seconds * TICKS_HZ)):
         if tick % (TICKS_HZ // hz) == 0:
             publisher.publish(message_at(tick / TICKS_HZ))
         it.tick()
-    return begun
+    return started
 
 
 def rest(it: Person) -> None:
@@ -55,8 +55,8 @@ def test_references_may_be_sent_at_any_rate(domain, figure):
                 assert steps.max() < 5e-3
 
         # A circle, that is not finished.
-        begun = stream(it, it.tip, lambda t: messages.pose_stamped(at(t), 0, ""), 50, 2.5)
-        path = [(stamp - begun, w) for stamp, w in it.seen if stamp > begun + 1.2]
+        started = stream(it, it.tip, lambda t: messages.pose_stamped(at(t), 0, ""), 50, 2.5)
+        path = [(stamp - started, w) for stamp, w in it.seen if stamp > started + 1.2]
         lags = np.arange(0.0, 0.4, 0.005)
         errors = [np.mean([np.linalg.norm(w - at(t - x)[:3, 3]) for t, w in path]) for x in lags]
         lag = lags[np.argmin(errors)]

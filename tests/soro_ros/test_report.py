@@ -12,37 +12,40 @@ from soro_core.config import find_config, read_yaml
 from soro_lab.scene import load_scene
 from soro_ros.pictures import panels, picture
 from soro_ros.recordings import recording, report
-from soro_ros.recordings.recording import EMPTY, Recording, Series
+from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
 
 
 def rows(ends_s: float, diagnostics=None, trips=(), **changes) -> dict[str, str]:
     """The table of a recording that ends at a time, with a tip error of 2 mm."""
     scene = load_scene("track_circle", {key.replace("__", "."): value for key, value in changes.items()})
     t = np.arange(0.0, ends_s, 0.005)
-    wanted, true = Series(t, np.zeros((t.size, 3))), Series(t, np.full((t.size, 3), [2e-3, 0.0, 0.0]))
-    half = Series(t, np.full((t.size, 3), [1e-3, 0.0, 0.0]))
-    differences = Series(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
-    recording = Recording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, trips, half)
+    wanted, true = (
+        TopicSeries(t, np.zeros((t.size, 3))),
+        TopicSeries(t, np.full((t.size, 3), [2e-3, 0.0, 0.0])),
+    )
+    half = TopicSeries(t, np.full((t.size, 3), [1e-3, 0.0, 0.0]))
+    differences = TopicSeries(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
+    recording = RunRecording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, trips, half)
     if changes.get("arm") == "real":
         recording = replace(recording, shadow=differences)
     names, values = report.table(report.summarise(report.of_scene(recording, scene), scene), scene).columns
     return dict(zip(names.cells, values.cells, strict=True))
 
 
-def recorded(t: np.ndarray, true: Series, wanted: Series) -> Recording:
+def recorded(t: np.ndarray, true: TopicSeries, wanted: TopicSeries) -> RunRecording:
     """A run with as many lines in its picture as there can be."""
-    chambers = Series(
+    chambers = TopicSeries(
         t, np.full((t.size, 12), 40e3), tuple(f"link{n // 3}/chamber{n % 3}" for n in range(12))
     )
-    estimates = Series(t, np.full((t.size, 3), 0.02), ("tip_mass", "stiffness", "damping"))
-    differences = Series(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
-    return Recording(true, true, wanted, chambers, chambers, estimates, {}, (), true, differences)
+    estimates = TopicSeries(t, np.full((t.size, 3), 0.02), ("tip_mass", "stiffness", "damping"))
+    differences = TopicSeries(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
+    return RunRecording(true, true, wanted, chambers, chambers, estimates, {}, (), true, differences)
 
 
 @pytest.mark.parametrize("ends_s", [20.0, 5.0], ids=["complete", "vented"])
 def test_legends_of_the_picture_lie_over_no_data(monkeypatch, tmp_path, ends_s):
     t = np.arange(0.0, ends_s, 0.02)
-    tip = Series(t, 0.02 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1))
+    tip = TopicSeries(t, 0.02 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1))
     pages = []
     monkeypatch.setattr("matplotlib.pyplot.close", pages.append)
     picture.draw(recorded(t, tip, tip), load_scene("track_circle"), tmp_path / "run.png")
@@ -73,18 +76,18 @@ def test_a_bound_is_the_one_that_the_controller_keeps(tmp_path, highest_pa, chan
     if "platform" in changes:
         changes = {"platform": str(tmp_path / "narrow.yaml")}
     t = np.arange(0.0, 20.0, 0.005)
-    tip = Series(t, np.zeros((t.size, 3)))
-    command = Series(t, np.full((t.size, 3), [highest_pa, 0.5 * highest_pa, 0.0]))
-    bag = Recording(tip, tip, tip, command, command, EMPTY, {}, ())
+    tip = TopicSeries(t, np.zeros((t.size, 3)))
+    command = TopicSeries(t, np.full((t.size, 3), [highest_pa, 0.5 * highest_pa, 0.0]))
+    bag = RunRecording(tip, tip, tip, command, command, EMPTY, {}, ())
     assert report.summarise(bag, load_scene("track_circle", changes)).saturated_part == pytest.approx(2 / 3)
 
 
 def test_a_chamber_without_a_reading_hides_no_pressure_of_the_others():
     t = np.arange(0.0, 20.0, 0.005)
-    tip = Series(t, np.zeros((t.size, 3)))
-    reading = Series(t, np.full((t.size, 3), [30e3, 10e3, 2e3]))
+    tip = TopicSeries(t, np.zeros((t.size, 3)))
+    reading = TopicSeries(t, np.full((t.size, 3), [30e3, 10e3, 2e3]))
     reading.value[2000:, 1] = np.nan
-    bag = Recording(tip, tip, tip, reading, reading, EMPTY, {}, ())
+    bag = RunRecording(tip, tip, tip, reading, reading, EMPTY, {}, ())
     found = report.summarise(bag, load_scene("track_circle"))
     assert (found.pressure_min_pa, found.pressure_max_pa) == (2e3, 30e3)
 
@@ -168,7 +171,7 @@ def test_the_legend_of_the_estimates_gives_units():
     t = np.linspace(0.0, 1.0, 5)
     values = np.stack([0.02 * t, 0.5 + t], axis=1)
     drawn = replace(
-        recorded(t, EMPTY, EMPTY), estimates=Series(t, values, ("tip_mass", "link0/bend_x/damping"))
+        recorded(t, EMPTY, EMPTY), estimates=TopicSeries(t, values, ("tip_mass", "link0/bend_x/damping"))
     )
     axis = Figure().subplots()
     panels.draw_estimates(axis, drawn)

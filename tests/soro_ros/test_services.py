@@ -20,7 +20,7 @@ from soro_ros.commands import services as commands
 from soro_ros.commands.services import enable, fault, reset, vent
 from soro_ros.conversion import qos
 from soro_ros.host import services
-from soro_ros.run.supervisor import Supervisor
+from soro_ros.run.supervisor import RunMonitor
 from soro_ros.topics.diagnostics import ERROR, Diagnostics
 from tests.refused import refused, refused_keys
 from tests.soro_ros.running import SORO, end, wait_until
@@ -295,7 +295,7 @@ def test_ctrl_c_ends_the_search(domain):
 
 
 def test_a_run_hears_of_another_of_its_name(domain):
-    with Supervisor("arm") as supervisor:
+    with RunMonitor("arm") as supervisor:
         node = Node("regulator", namespace="arm")
         diagnostics = Diagnostics(node)
         wait_until(lambda: diagnostics.publish() or supervisor.spin(0.05) or supervisor.status, "status")
@@ -315,7 +315,7 @@ def test_a_run_hears_of_another_of_its_name(domain):
 
 
 def test_a_run_in_lockstep_hears_of_another_clock(domain):
-    with Supervisor("arm") as supervisor:
+    with RunMonitor("arm") as supervisor:
         own, other = Node("twin", namespace="arm"), Node("gazebo")
         own.create_publisher(Clock, "/clock", qos.LOCKSTEP)
         wait_until(lambda: supervisor.spin(0.05) or own.count_publishers("/clock") == 1, "the own clock")

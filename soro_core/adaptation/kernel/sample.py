@@ -26,16 +26,16 @@ def show(
     q_unit: Array,
     mass_kg: float,
     at: Array,
-    lacking: Array,
-    lacking_by_mass: Array,
-    lacking_by_q: Array,
+    unmodelled: Array,
+    unmodelled_by_mass: Array,
+    unmodelled_by_q: Array,
     part: float,
     residual: Array,
     regressor: Array,
 ) -> int:
     """Move residual r / U (n,) and regressor Phi (n, 1 + n (n + 1)) a part of the way to those of a sample.
 
-    r = H p - [M qdd + C qd + G + f_e + R qd + creep] - d(q, 0), with the force d that is lacking about a mass
+    r = H p - [M qdd + C qd + G + f_e + R qd + creep] - d(q, 0), with the unmodelled force d about a mass
     and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q). Gives a code of
     `soro_core.model.dynamics`.
     """
@@ -52,13 +52,13 @@ def show(
     add_damping_force(t, qd, model)
     add_internal_force(t, creep, model)
     for c in range(n):
-        missing[c] = mass_kg * lacking_by_mass[c] - lacking[c] - model[c]
+        missing[c] = mass_kg * unmodelled_by_mass[c] - unmodelled[c] - model[c]
         for d in range(n):
-            missing[c] -= lacking_by_q[c, d] * (q[d] - at[d])
+            missing[c] -= unmodelled_by_q[c, d] * (q[d] - at[d])
         for u in range(n_u):
             missing[c] += H[u, c] * acting(t, u, pressure[u])
         missing[c] /= force_unit[c]
-        by_mass[c] = (by_mass[c] + lacking_by_mass[c]) / force_unit[c]
+        by_mass[c] = (by_mass[c] + unmodelled_by_mass[c]) / force_unit[c]
     if not (finite(missing) and finite(by_mass)):
         return NOT_FINITE
     for c in range(n):

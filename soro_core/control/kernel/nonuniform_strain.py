@@ -33,7 +33,7 @@ _STEP = 1e-6
 _MOST = 2.0
 
 
-class Bend(NamedTuple):
+class ArmPair(NamedTuple):
     """An arm with strains that are constant along its links, and with strains that vary."""
 
     even: Arm
@@ -45,9 +45,9 @@ class Bend(NamedTuple):
 
 
 @kernel
-def make_bend(even: Tables, varying: Tables, unit: Array, varying_unit: Array) -> Box:
+def make_arm_pair(even: Tables, varying: Tables, unit: Array, varying_unit: Array) -> Box:
     """Both arms in a box, each with a workspace."""
-    return Box(Bend(Arm(even, make_work(even)), Arm(varying, make_work(varying)), unit, varying_unit))
+    return Box(ArmPair(Arm(even, make_work(even)), Arm(varying, make_work(varying)), unit, varying_unit))
 
 
 @inner
@@ -166,14 +166,14 @@ def step(
     moves: Array,
     slope: Array,
     even_slope: Array,
-    lacking: Array,
+    unmodelled: Array,
     by_mass: Array,
     by_q: Array,
 ) -> int:
     """Make one step; gives a code of `soro_core.model.dynamics`.
 
     `deviation`, `force`, `moves` and the slopes are the state, and become that after the step; `column` < 0
-    at the first tick, which has no force and no slopes yet. lacking, by_mass and by_q <- the `UnevenForce`.
+    at the first tick, which has no force and no slopes yet. unmodelled, by_mass, by_q <- `NonuniformForce`.
     """
     bend = view(box)
     even, varying, unit, wide = bend.even, bend.varying, bend.unit, bend.varying_unit
@@ -231,7 +231,7 @@ def step(
             moves[r, c] = wide[r] * right[r, 2 + c]
     for r in range(n):
         force[r] += right[N + r, 0] / unit[r]
-        lacking[r], by_mass[r] = force[r] - own[r], right[N + r, 1] / unit[r] - load[r]
+        unmodelled[r], by_mass[r] = force[r] - own[r], right[N + r, 1] / unit[r] - load[r]
         for c in range(n):
             by_q[r, c] = right[N + r, 2 + c] / unit[r] - even_slope[r, c]
     return GOOD

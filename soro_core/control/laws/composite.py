@@ -9,18 +9,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.learned import Learned
-from soro_core.adaptation.learner import Learner, LearnerState, Sample
-from soro_core.adaptation.nonuniform_force import UnevenForce
+from soro_core.adaptation.learner import Learner, LearnerSample, LearnerState
+from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array
+from soro_core.config import with_renamed
 from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
-from soro_core.control.nonuniform_strain import Uneven, UnevenShape, bends_unevenly
+from soro_core.control.nonuniform_strain import NonuniformStrain, NonuniformStrainState, has_nonuniform_strain
 from soro_core.control.reference.trajectory import Point
 from soro_core.frozen import replaced
 
@@ -32,7 +34,12 @@ _SAMPLE_S = 0.004
 class CompositeOptions(LearnerConfig, LawOptions):
     """Keys of the law: those of its learner, and what it knows of the bend."""
 
-    uneven: bool = Field(True, description="a load bends links of constant strain non-uniformly")
+    nonuniform_strain: bool = Field(True, description="a load bends links of constant strain non-uniformly")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _renamed(cls, data: Any) -> Any:
+        return with_renamed(data, {"uneven": "nonuniform_strain"})
 
 
 @dataclass(frozen=True)
@@ -44,10 +51,10 @@ class CompositeState:
     learner : LearnerState
     creep : ndarray (n_internal,)
         Creep along the reference.
-    shape : UnevenShape or None
+    shape : NonuniformStrainState or None
         The non-uniform strain at the reference; None for an arm without one.
-    lacking : UnevenForce or None
-        What constant strains lack near there; None before the first tick.
+    unmodelled : NonuniformForce or None
+        Unmodelled force of constant strains near there; None before the first tick.
     learned : Learned or None
         What the filter is told: the same object until there is something new; None before the first tick.
     sampled_s, bent_s : float
@@ -56,8 +63,8 @@ class CompositeState:
 
     learner: LearnerState
     creep: Array
-    shape: UnevenShape | None = None
-    lacking: UnevenForce | None = None
+    shape: NonuniformStrainState | None = None
+    unmodelled: NonuniformForce | None = None
     learned: Learned | None = None
     sampled_s: float = 0.0
     bent_s: float = math.inf
@@ -78,15 +85,15 @@ class Composite(Law[CompositeState]):
         self.learner = Learner(setting.arm, options, setting.pieces)
         # What the inverse of the regulators' lag leaves of it [s].
         self.lag_s = max(setting.pressures.preview_s - setting.pressures.dead_time_s, 0.0)
-        bends = options.uneven and bends_unevenly(setting.arm)
-        self.uneven = Uneven(setting.arm, setting.pieces) if bends else None
+        bends = options.nonuniform_strain and has_nonuniform_strain(setting.arm)
+        self.nonuniform = NonuniformStrain(setting.arm, setting.pieces) if bends else None
         names = setting.arm.robot.coordinate_names
         weights = [f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names))]
         self.names = ("tip_mass", *weights)
 
     def initial_state(self) -> CompositeState:
         """Return the state with nothing learned."""
-        shape = None if self.uneven is None else self.uneven.initial_state()
+        shape = None if self.nonuniform is None else self.nonuniform.initial_state()
         return CompositeState(self.learner.initial_state(), np.zeros(self.setting.arm.n_internal), shape)
 
     def step(
@@ -104,34 +111,34 @@ class Composite(Law[CompositeState]):
             learner, sampled_s = self._learned(state, belief, reference, s, sampled_s), 0.0
         elif learner.note:
             learner = replaced(learner, note="")
-        # A lag of first order is not a delay: ahead by T, its answer lacks T^2 / 2 of the second derivative.
+        # A lag of first order is not a delay: ahead by T, its answer misses T^2 / 2 of the second derivative.
         at = wanted.q - 0.5 * self.lag_s**2 * wanted.qdd
         motion = arm.motion_forces(at, wanted.qd, wanted.qdd)
         model = motion.own
         internal = arm.internal_force(at, state.creep)
         learned = self.learner.force.with_mass(learner.learned, at, motion.by_mass)
-        shape, lacking, bent_s = state.shape, state.lacking, state.bent_s + dt
-        if self.uneven is not None and shape is not None and _is_due(bent_s, dt):
+        shape, unmodelled, bent_s = state.shape, state.unmodelled, state.bent_s + dt
+        if self.nonuniform is not None and shape is not None and _is_due(bent_s, dt):
             point, bent_s = Point(at, wanted.qd, wanted.qdd), 0.0
-            shape, lacking = self.uneven.step(shape, point, learner.learned.mass_kg)
-        uneven = np.zeros_like(at) if lacking is None else lacking.at(at, learner.learned.mass_kg)
+            shape, unmodelled = self.nonuniform.step(shape, point, learner.learned.mass_kg)
+        nonuniform = np.zeros_like(at) if unmodelled is None else unmodelled.at(at, learner.learned.mass_kg)
         proportional, derivative = -(gains.k_p @ error), -(gains.k_d @ s)
         terms = {
             "error": error,
             "s": s,
             "model": model,
             "learnt": learned,
-            "uneven": uneven,
+            "uneven": nonuniform,
             "internal": internal,
             "proportional": proportional,
             "derivative": derivative,
         }
         creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
-        desired = model + internal + learned + uneven + proportional + derivative
+        desired = model + internal + learned + nonuniform + proportional + derivative
         told = state.learned
-        if told is None or learner.learned is not state.learner.learned or lacking is not state.lacking:
-            told = self._told(learner.learned, lacking)
-        return CompositeState(learner, creep, shape, lacking, told, sampled_s, bent_s), desired, terms
+        if told is None or learner.learned is not state.learner.learned or unmodelled is not state.unmodelled:
+            told = self._told(learner.learned, unmodelled)
+        return CompositeState(learner, creep, shape, unmodelled, told, sampled_s, bent_s), desired, terms
 
     def heaviest_kg(self) -> float:
         """Return the upper bound of the learned mass [kg]."""
@@ -140,8 +147,8 @@ class Composite(Law[CompositeState]):
     def reference_force(self, state: CompositeState, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the force of model and learned load; parameters as in `Law.reference_force`."""
         learned = self.learner.force.force(state.learner.learned, q, qd, qdd)
-        if self.uneven is not None:
-            learned = learned + self.uneven.away(Point(q, qd, qdd), state.learner.learned.mass_kg)
+        if self.nonuniform is not None:
+            learned = learned + self.nonuniform.away(Point(q, qd, qdd), state.learner.learned.mass_kg)
         return self.setting.model_force(q, qd, qdd) + learned
 
     def estimates(self, state: CompositeState) -> dict[str, float]:
@@ -156,10 +163,10 @@ class Composite(Law[CompositeState]):
 
     def learned(self, state: CompositeState) -> Learned:
         """Return the learned model for the filter; W has the tangent of the non-uniform strain's force."""
-        return state.learned or self._told(state.learner.learned, state.lacking)
+        return state.learned or self._told(state.learner.learned, state.unmodelled)
 
-    def _told(self, learned: Learned, lacking: UnevenForce | None) -> Learned:
-        return learned if lacking is None else lacking.added_to(learned, self.learner.force.scales)
+    def _told(self, learned: Learned, unmodelled: NonuniformForce | None) -> Learned:
+        return learned if unmodelled is None else unmodelled.added_to(learned, self.learner.force.scales)
 
     def counts(self, state: CompositeState) -> dict[str, int]:
         """Return samples refused and priors restored."""
@@ -182,13 +189,13 @@ class Composite(Law[CompositeState]):
             by_mass = self.setting.arm.tip_mass_force(wanted.q, wanted.qd, wanted.qdd)
             return self.learner.follow(learner, float(by_mass @ s), dt)
         n = belief.q.size
-        sample = Sample(
+        sample = LearnerSample(
             q=belief.q,
             qd=belief.qd,
             pressure_pa=belief.pressure_pa,
             creep=belief.creep,
             covariance=belief.covariance[:n, :n],
-            uneven=state.lacking,
+            unmodelled=state.unmodelled,
         )
         return self.learner.step(learner, sample, dt)
 

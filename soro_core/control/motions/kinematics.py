@@ -131,7 +131,7 @@ def mean_static_pressure(
     wide = 1e3 * (maximum_pa - minimum_pa)
     middle = 0.5 * (minimum_pa + maximum_pa)
     found = allocate(actuation, load, middle - wide, middle + wide, weight, 1e-12, middle, middle)
-    return float(np.mean(effective_pressure_of(arm.robot).pressure(found.pressure_pa)))
+    return float(np.mean(effective_pressure_of(arm.robot).to_setpoint(found.pressure_pa)))
 
 
 def elongation_for_pressure(

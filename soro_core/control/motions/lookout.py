@@ -17,7 +17,7 @@ from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, Pie
 from soro_core.control.motions.motion_time import ON_THE_WAY
 from soro_core.control.motions.obstacles import ERROR_M, Obstacles
 from soro_core.control.motions.path_coordinates import Planning
-from soro_core.control.motions.resting_shape import Shape
+from soro_core.control.motions.resting_shape import RestingShape
 from soro_core.control.motions.speed_law import SpeedLaw
 from soro_core.control.reference.trajectory import Circle, Reference, Waypoints
 
@@ -27,7 +27,7 @@ _SHARES = tuple(np.linspace(0.0, 1.0, _FEWEST + 1).tolist())
 
 
 @dataclass(frozen=True)
-class Way:
+class ReferenceCourse:
     """Coordinates that a reference passes.
 
     Attributes
@@ -54,18 +54,18 @@ class Lookout:
     Parameters
     ----------
     obstacles : Obstacles
-    shape : Shape
+    shape : RestingShape
         Of the backbone.
     start : ndarray (n_q,)
         Coordinates of the reference at the begin.
     """
 
-    def __init__(self, obstacles: Obstacles, shape: Shape, start: Array) -> None:
+    def __init__(self, obstacles: Obstacles, shape: RestingShape, start: Array) -> None:
         self.obstacles, self.shape = obstacles, shape
         first = obstacles.clearance(self._seen(start[None], shape.offset(start)[None])[0])
         self._floor = np.minimum(first, 0.0)
 
-    def follow(self, way: Way) -> Planning[None]:
+    def follow(self, way: ReferenceCourse) -> Planning[None]:
         """Refuse a way on which the arm meets an obstacle.
 
         Yields
@@ -101,7 +101,7 @@ class Lookout:
         for place, row in zip(x, seen, strict=True):
             self._judge(row, way, float(place))
 
-    def _looked(self, way: Way, x: Array, knots: Array, bent: Array) -> Planning[Array]:
+    def _looked(self, way: ReferenceCourse, x: Array, knots: Array, bent: Array) -> Planning[Array]:
         """Return positions (n, m, 3) of the arm at places x of the way; the offset is even between knots."""
         found = []
         for first in range(0, x.size, _AT_ONCE):
@@ -117,7 +117,7 @@ class Lookout:
         x = q @ self.shape.spread.T + offset
         return np.stack([self.shape.arm.poses(x, float(s))[:, :3, 3] for s in self.obstacles.places], axis=1)
 
-    def _judge(self, seen: Array, way: Way, at: float) -> None:
+    def _judge(self, seen: Array, way: ReferenceCourse, at: float) -> None:
         """Refuse places (m, 3) that meet an obstacle."""
         known = self.obstacles
         clearance = known.clearance(seen)
@@ -135,7 +135,7 @@ class Lookout:
         self._floor = np.maximum(self._floor, np.minimum(clearance, 0.0))
 
 
-def line(begin: Array, end: Array, where: str) -> Way:
+def line(begin: Array, end: Array, where: str) -> ReferenceCourse:
     """Return the straight way between coordinates.
 
     Parameters
@@ -144,10 +144,10 @@ def line(begin: Array, end: Array, where: str) -> Way:
     where : str
         Names it in an error.
     """
-    return Way(lambda x: np.asarray(begin + x * (end - begin)), _SHARES, lambda _: where)
+    return ReferenceCourse(lambda x: np.asarray(begin + x * (end - begin)), _SHARES, lambda _: where)
 
 
-def ways_of(reference: Reference) -> list[Way]:
+def ways_of(reference: Reference) -> list[ReferenceCourse]:
     """Return what a reference passes from its begin to its end, or in one round."""
     if isinstance(reference, PiecewiseMotion):
         return ways_along(reference.parts)
@@ -158,11 +158,13 @@ def ways_of(reference: Reference) -> list[Way]:
         knots = reference.times_s
         times = np.union1d(knots, 0.5 * (knots[1:] + knots[:-1])).tolist()
     return [
-        Way(lambda t: reference.sample(t).q, times, lambda t: f"{t - times[0]:.2f} s after its first point")
+        ReferenceCourse(
+            lambda t: reference.sample(t).q, times, lambda t: f"{t - times[0]:.2f} s after its first point"
+        )
     ]
 
 
-def ways_along(parts: Sequence[MotionSegment]) -> list[Way]:
+def ways_along(parts: Sequence[MotionSegment]) -> list[ReferenceCourse]:
     """Return the way of each part of a motion."""
     found, passed_m = [], 0.0
     for part in parts:
@@ -172,11 +174,11 @@ def ways_along(parts: Sequence[MotionSegment]) -> list[Way]:
     return found
 
 
-def _along(part: MotionSegment, law: SpeedLaw | None, passed_m: float) -> Way:
+def _along(part: MotionSegment, law: SpeedLaw | None, passed_m: float) -> ReferenceCourse:
     def where(t: float) -> str:
         return ON_THE_WAY if law is None else f"{1e3 * (passed_m + law.at(t)[0]):.1f} mm along the path"
 
-    return Way(lambda t: part.at(t).q, (part.duration_s * np.array(_SHARES)).tolist(), where)
+    return ReferenceCourse(lambda t: part.at(t).q, (part.duration_s * np.array(_SHARES)).tolist(), where)
 
 
 def keep_clear(lookout: Lookout, begin: Array, reference: Reference) -> Planning[None]:

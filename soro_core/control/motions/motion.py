@@ -34,7 +34,7 @@ Result = TypeVar("Result")
 _ON_THE_WAY = 8
 # Coordinates that differ by less are equal, relative to the largest strain.
 _SAME = 1e-9
-# Shortest passage to the path [s].
+# Shortest transition to the path [s].
 _SHORTEST_S = 0.2
 
 
@@ -215,27 +215,29 @@ class Planner:
 
     def _check_rest(self, q: Array, where: str, tolerance_m: float = 0.0) -> None:
         """Refuse coordinates that the pressures cannot hold at rest, by more than a distance of the tip."""
-        lack = pressure_deficit(self.supply, q)
-        if lack is None or lack.distance_m <= tolerance_m:
+        deficit = pressure_deficit(self.supply, q)
+        if deficit is None or deficit.distance_m <= tolerance_m:
             return
         supply = self.supply
         tip = listed(supply.arm.pose(q, supply.arm.length)[:3, 3])
-        if lack.chamber < 0:
+        if deficit.chamber < 0:
             most = self.config.reference.tip_tolerance_m
-            if lack.distance_m <= most:
+            if deficit.distance_m <= most:
                 return
             allowed = f"what pressures can hold within {1e3 * most:g} mm (reference.tip_tolerance_m)"
-            got = f"{tip} mm, {where}: the best pressures leave the tip {1e3 * lack.distance_m:.1f} mm away"
+            got = (
+                f"{tip} mm, {where}: the best pressures leave the tip {1e3 * deficit.distance_m:.1f} mm away"
+            )
             raise MotionError("pressure", "pressure", got, allowed)
-        name = supply.arm.robot.chamber_names[lack.chamber]
-        low, high = supply.setpoints.minimum_pa[lack.chamber], supply.setpoints.maximum_pa[lack.chamber]
+        name = supply.arm.robot.chamber_names[deficit.chamber]
+        low, high = supply.setpoints.minimum_pa[deficit.chamber], supply.setpoints.maximum_pa[deficit.chamber]
         raise MotionError(
             "pressure",
             name,
-            f"{1e-3 * lack.pressure_pa:.1f} kPa at {tip} mm, {where}",
+            f"{1e-3 * deficit.pressure_pa:.1f} kPa at {tip} mm, {where}",
             f"{1e-3 * low:g} to {1e-3 * high:g} kPa",
             chamber=name,
-            pressure_pa=lack.pressure_pa,
+            pressure_pa=deficit.pressure_pa,
         )
 
     def _approach(self, begin: Point, rest: Array) -> Planning[list[MotionSegment]]:

@@ -21,7 +21,7 @@ class MotionError(ConfigError):
     nearest_m : tuple of float or None
         For reach: the nearest point that the search has found [m].
     chamber : str
-        For pressure and rate: the chamber that lacks most.
+        For pressure and rate: the chamber with the largest deficit.
     pressure_pa : float or None
         For pressure: what that chamber would need [Pa gauge].
     factor : float or None

@@ -172,7 +172,7 @@ class PiecewiseMotion(Reference):
         """Time of the end [s]."""
         return self._begins[-1]
 
-    def begun(self, t: float) -> Reference:
+    def started_at(self, t: float) -> Reference:
         """Return the motion with its begin at time `t` [s]."""
         return replace(self, start_s=t)
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.motions.path_coordinates import listed
-from soro_core.control.nonuniform_strain import Uneven, bends_unevenly
+from soro_core.control.nonuniform_strain import NonuniformStrain, has_nonuniform_strain
 from soro_core.model import SoftArm
 
 # How much nearer an obstacle may come between samples [m].
@@ -39,7 +39,7 @@ class Obstacles:
         Centre and radius of each [m].
     step_m : float
         Largest motion of a place between two samples.
-    uneven : Uneven or None
+    nonuniform : NonuniformStrain or None
         The non-uniform strain of the arm without contact, where it has one.
     """
 
@@ -49,7 +49,7 @@ class Obstacles:
     planes: Array
     spheres: Array
     step_m: float
-    uneven: Uneven | None
+    nonuniform: NonuniformStrain | None
 
     def clearance(self, at: Array) -> Array:
         """Return the clearance (m, n + k) [m] of places at (m, 3) from each obstacle, below 0 inside."""
@@ -103,5 +103,5 @@ def obstacles_of(arm: SoftArm, pieces: int) -> Obstacles | None:
         np.array(planes).reshape(-1, 6),
         np.array(spheres).reshape(-1, 4),
         step,
-        Uneven(bare, pieces) if bends_unevenly(bare) else None,
+        NonuniformStrain(bare, pieces) if has_nonuniform_strain(bare) else None,
     )

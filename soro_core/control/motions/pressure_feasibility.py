@@ -59,12 +59,12 @@ class PressureSupply:
 
 @dataclass(frozen=True)
 class PressureDeficit:
-    """Pressures that a point of a motion lacks.
+    """Pressure deficit at a point of a motion.
 
     Attributes
     ----------
     chamber : int
-        Chamber that lacks most; -1 if no pressures at all make the force.
+        Chamber with the largest deficit; -1 if no pressures at all make the force.
     pressure_pa : float
         Pressure that it would need [Pa gauge].
     distance_m : float
@@ -91,7 +91,7 @@ class Rates:
     beyond_pa : float
         How far a set point leaves its range [Pa].
     short : bool
-        Whether the pressures lack something on the way.
+        Whether there is a pressure deficit on the way.
     """
 
     rate: float
@@ -132,7 +132,7 @@ def pressure_supply(
 
 
 def pressure_deficit(supply: PressureSupply, q: Array) -> PressureDeficit | None:
-    """Return what the chambers lack to hold the arm at rest in `q` (n_q,); None if nothing."""
+    """Return the pressure deficit of holding the arm at rest in `q` (n_q,); None if nothing."""
     zero = np.zeros_like(q)
     force = supply.force(q, zero, zero)
     found, missing = _made(supply, q, force)
@@ -226,7 +226,7 @@ def _made(supply: PressureSupply, q: Array, force: Array, wide: bool = False) ->
     return found, float(np.max(np.abs(weight @ (force - found.force)), initial=0.0))
 
 
-def _left_away(supply: PressureSupply, q: Array, lacking: Array) -> float:
+def _left_away(supply: PressureSupply, q: Array, residual: Array) -> float:
     """Return how far a missing force moves the tip [m], by the stiffness at `q`."""
     arm, zero = supply.arm, np.zeros_like(q)
     pressure = arm.acting_pressure(_made(supply, q, supply.force(q, zero, zero))[0].pressure_pa)
@@ -236,6 +236,6 @@ def _left_away(supply: PressureSupply, q: Array, lacking: Array) -> float:
 
     scale = np.where(supply.fields.stretch, 1.0, 1.0 / supply.fields.length) * _STEP
     stiffness = np.stack([(load(q + e) - load(q - e)) / (2.0 * np.max(e)) for e in np.diag(scale)], axis=1)
-    moved = np.linalg.lstsq(stiffness, lacking, rcond=None)[0]
+    moved = np.linalg.lstsq(stiffness, residual, rcond=None)[0]
     _, jacobian = arm.pose_and_jacobian(q, arm.length)
     return float(np.linalg.norm(jacobian[3:] @ moved))

@@ -21,7 +21,7 @@ from soro_core.robot.coordinates import StrainFields
 
 
 def bounds_of(fields: StrainFields, config: ReferenceConfig, pieces: int) -> Bounds:
-    """Return the limits of references and passages.
+    """Return the limits of references and transitions.
 
     Parameters
     ----------

@@ -13,7 +13,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.laws.protocol import Law
-from soro_core.control.nonuniform_strain import Uneven
+from soro_core.control.nonuniform_strain import NonuniformStrain
 from soro_core.control.reference.trajectory import Point
 from soro_core.control.reference.underactuation import UnderactuatedReference
 from soro_core.errors import SoroError
@@ -25,7 +25,7 @@ _FIRST_STEPS, _STEPS = 12, 2
 _NO_BALANCE = (SoroError, np.linalg.LinAlgError)
 
 
-class Shape:
+class RestingShape:
     """The shape of an arm that its reference determines.
 
     Attributes
@@ -43,35 +43,35 @@ class Shape:
         return np.zeros(self.arm.n_q)
 
 
-class UnevenShape(Shape):
+class NonuniformShape(RestingShape):
     """The shape of links that weight bends non-uniformly between their ends.
 
     Parameters
     ----------
-    uneven : Uneven
+    nonuniform : NonuniformStrain
         Of the arm without contact.
     mass_kg : float
         Mass at the tip beyond the robot file's [kg].
     """
 
-    def __init__(self, uneven: Uneven, mass_kg: float) -> None:
-        super().__init__(uneven.varying, uneven.spread)
-        self._uneven, self._mass_kg = uneven, mass_kg
-        self._state, self._steps = uneven.initial_state(), _FIRST_STEPS
+    def __init__(self, nonuniform: NonuniformStrain, mass_kg: float) -> None:
+        super().__init__(nonuniform.varying, nonuniform.spread)
+        self._nonuniform, self._mass_kg = nonuniform, mass_kg
+        self._state, self._steps = nonuniform.initial_state(), _FIRST_STEPS
 
     def offset(self, q: Array) -> Array:
         """Return how the strains vary along the links."""
         still = Point(q, np.zeros_like(q), np.zeros_like(q))
         try:
             for _ in range(self._steps):
-                self._state, _ = self._uneven.step(self._state, still, self._mass_kg)
+                self._state, _ = self._nonuniform.step(self._state, still, self._mass_kg)
             self._steps = _STEPS
         except _NO_BALANCE:
-            self._state, self._steps = self._uneven.initial_state(), _FIRST_STEPS
+            self._state, self._steps = self._nonuniform.initial_state(), _FIRST_STEPS
         return self._state.deviation
 
 
-class UnderactuatedShape(Shape):
+class UnderactuatedShape(RestingShape):
     """The shape of an arm with coordinates that no chamber drives.
 
     Parameters
@@ -112,8 +112,8 @@ def resting_shape(
     law: Law[Any],
     law_state: object,
     underactuated: UnderactuatedReference,
-    uneven: Uneven | None,
-) -> Shape:
+    nonuniform: NonuniformStrain | None,
+) -> RestingShape:
     """Return the shape of an arm, with the load that its law has learned.
 
     Parameters
@@ -124,7 +124,7 @@ def resting_shape(
         Holds what is learned.
     underactuated : UnderactuatedReference
         Coordinates of the arm that no chamber drives.
-    uneven : Uneven or None
+    nonuniform : NonuniformStrain or None
         Its non-uniform strain, where it has one.
     """
     if underactuated.exist and law.learns:
@@ -135,7 +135,7 @@ def resting_shape(
         return UnderactuatedShape(
             underactuated, force, lambda q: law.actuation(law_state, arm.actuation_matrix(q))
         )
-    if uneven is None:
-        return Shape(arm, np.eye(arm.n_q))
+    if nonuniform is None:
+        return RestingShape(arm, np.eye(arm.n_q))
     own = arm.robot.tip_mass
-    return UnevenShape(uneven, law.estimates(law_state).get("tip_mass", own) - own)
+    return NonuniformShape(nonuniform, law.estimates(law_state).get("tip_mass", own) - own)

@@ -51,7 +51,7 @@ class Adaptation(Strict):
     )
     hold_saturated: bool = Field(
         True,
-        description="hold estimates whose change would enlarge the force that saturated pressures lack",
+        description="hold estimates whose change would enlarge the residual force of saturated pressures",
     )
 
     @model_validator(mode="before")

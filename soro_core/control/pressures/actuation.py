@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 from soro_core.config import parse
-from soro_core.control.config import Pressures
+from soro_core.control.config import AllocationConfig
 from soro_core.errors import ConfigError
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.robot import Robot
@@ -19,7 +19,7 @@ from soro_core.safety.limits import Limits
 DEFAULT_RATE_HZ = 200.0
 
 
-class CompletePressures(Pressures):
+class CompletePressures(AllocationConfig):
     """Section `pressures` with a value for every key."""
 
     minimum_pa: float
@@ -37,7 +37,7 @@ _LIMITED = {"minimum_pa": True, "maximum_pa": False, "rise_pa_s": False, "fall_p
 
 
 def complete_pressures(
-    pressures: Pressures,
+    pressures: AllocationConfig,
     limits: Limits | None = None,
     response: RegulatorModel = RegulatorModel(),  # noqa: B008 -- frozen
     rate_hz: float = DEFAULT_RATE_HZ,
@@ -47,7 +47,7 @@ def complete_pressures(
 
     Parameters
     ----------
-    pressures : Pressures
+    pressures : AllocationConfig
         Section of the controller file.
     limits : Limits, optional
         Limits of the limiter that the set points pass. Without them, missing keys get the defaults of
@@ -82,12 +82,12 @@ def complete_pressures(
     return parse(values, CompletePressures, where="controller: pressures")
 
 
-def contradictions(pressures: Pressures, limits: Limits, response: RegulatorModel) -> list[str]:
+def contradictions(pressures: AllocationConfig, limits: Limits, response: RegulatorModel) -> list[str]:
     """Return one line for each value of a controller file that contradicts limits or regulators.
 
     Parameters
     ----------
-    pressures : Pressures
+    pressures : AllocationConfig
         Section of the controller file.
     limits : Limits
         Limits of the limiter.
@@ -124,7 +124,7 @@ def pressure_bounds(pressures: CompletePressures, robot: Robot) -> tuple[float, 
     return low, high
 
 
-def _beyond(pressures: Pressures, limits: Limits) -> list[str]:
+def _beyond(pressures: AllocationConfig, limits: Limits) -> list[str]:
     """Return the keys whose stated values lie beyond the limits."""
     found = []
     for name, is_least in _LIMITED.items():

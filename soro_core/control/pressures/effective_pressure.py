@@ -26,14 +26,14 @@ class EffectivePressure:
     dead_band_pa: Array
     swell_per_pa: Array
 
-    def of(self, pressure_pa: Array) -> Array:
-        """Return what acts (n_u,) [Pa] of set points (n_u,) [Pa gauge] within the range of the robot."""
+    def from_setpoint(self, pressure_pa: Array) -> Array:
+        """Return effective pressures (n_u,) [Pa] of set points (n_u,) [Pa gauge] in the robot's range."""
         beyond = pressure_pa - self.dead_band_pa
         return np.asarray(beyond / (1.0 - self.swell_per_pa * np.abs(beyond)))
 
-    def pressure(self, acting_pa: Array) -> Array:
-        """Return the set points (n_u,) [Pa gauge] of which `acting_pa` (n_u,) acts."""
-        return np.asarray(self.dead_band_pa + acting_pa / (1.0 + self.swell_per_pa * np.abs(acting_pa)))
+    def to_setpoint(self, effective_pa: Array) -> Array:
+        """Return the set points (n_u,) [Pa gauge] of effective pressures (n_u,) [Pa]."""
+        return np.asarray(self.dead_band_pa + effective_pa / (1.0 + self.swell_per_pa * np.abs(effective_pa)))
 
 
 def effective_pressure_of(robot: Robot) -> EffectivePressure:

@@ -74,14 +74,17 @@ class SetpointMaker:
         self.force_weight, _ = per_coordinate(fields, pressures.force_weight, "pressures.force_weight")
         low, high = pressure_bounds(pressures, robot)
         check_dead_bands(robot, low, high)
-        self.acting = effective_pressure_of(robot)
-        band = self.acting.dead_band_pa
+        self.effective = effective_pressure_of(robot)
+        band = self.effective.dead_band_pa
         # Without a band a chamber takes pressures below zero too.
         self.minimum_pa = np.where(band > 0.0, np.maximum(low, band), low)
         self.maximum_pa = np.full(robot.n_u, high)
-        self._least, self._most = self.acting.of(self.minimum_pa), self.acting.of(self.maximum_pa)
+        self._least, self._most = (
+            self.effective.from_setpoint(self.minimum_pa),
+            self.effective.from_setpoint(self.maximum_pa),
+        )
         self.preferred_pa = np.clip(pressures.preferred_pa, self.minimum_pa, self.maximum_pa)
-        self._preferred = self.acting.of(self.preferred_pa)
+        self._preferred = self.effective.from_setpoint(self.preferred_pa)
         self._edge = edge = 1e-9 * (self.maximum_pa - self.minimum_pa)  # round-off
         self._low, self._high = self.minimum_pa + edge, self.maximum_pa - edge
 
@@ -108,9 +111,9 @@ class SetpointMaker:
             self.force_weight[:, None] * balanced_weight(actuation, self.fields),
             _WIDE_REGULARISATION if wide else self.pressures.regularisation,
             self._preferred,
-            self.acting.of(start_pa),
+            self.effective.from_setpoint(start_pa),
         )
-        return replaced(found, pressure_pa=self.acting.pressure(found.pressure_pa))
+        return replaced(found, pressure_pa=self.effective.to_setpoint(found.pressure_pa))
 
     def beyond_pa(self, pressure_pa: Array) -> Array:
         """Return how far set points (..., n_u) [Pa gauge] are beyond their range and its round-off."""

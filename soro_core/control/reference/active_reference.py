@@ -8,18 +8,25 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.control.reference.reference_transition import Bounds, Passage, advance, begin, point, redirect
+from soro_core.control.reference.reference_transition import (
+    Bounds,
+    ReferenceTransition,
+    advance,
+    begin,
+    point,
+    redirect,
+)
 from soro_core.control.reference.trajectory import Hold, Point, Reference
 from soro_core.frozen import replaced
 
-# Part of the limit of a strain within which a passage has arrived.
+# Part of the limit of a strain within which a transition has arrived.
 _ARRIVED = 1e-3
 # References that arrive within this time [s] of each other form a stream.
 STREAM_S = 1.0
 
 
 @dataclass(frozen=True)
-class Following:
+class ActiveReference:
     """State of following.
 
     Attributes
@@ -32,27 +39,27 @@ class Following:
         The reference to follow.
     changed_s : float
         Time of the last change of `wanted` [s].
-    passage : Passage
-        Passage to `wanted`.
+    transition : ReferenceTransition
+        Transition to `wanted`.
     """
 
     configured: Reference
     given: Reference | None
     wanted: Reference
     changed_s: float
-    passage: Passage
+    transition: ReferenceTransition
 
 
 def follow(
     bounds: Bounds,
     start_s: float,
     configured: Reference | None,
-    state: Following | None,
+    state: ActiveReference | None,
     q: Array,
     t: float,
     dt: float,
     reference: Reference | None,
-) -> Following:
+) -> ActiveReference:
     """Return the state of following at time `t`.
 
     A reference that repeats the one in force changes nothing. Another one is reached within `start_s`. In a
@@ -64,10 +71,10 @@ def follow(
     bounds : Bounds
         Limits of strain and rate.
     start_s : float
-        Duration of the start, and of the passage to a single reference [s].
+        Duration of the start, and of the transition to a single reference [s].
     configured : Reference or None
         The configured reference, a circle from time 0 on; None to hold the arm where it is.
-    state : Following or None
+    state : ActiveReference or None
         State after the last tick; None before the first one.
     q : ndarray (n_q,)
         Coordinates of the arm, used at the start.
@@ -78,30 +85,30 @@ def follow(
 
     Returns
     -------
-    Following
+    ActiveReference
     """
     if state is None:
         rest = bounds.fields.within(q, bounds.strain)
-        own = Hold(rest) if configured is None else configured.begun(t)
+        own = Hold(rest) if configured is None else configured.started_at(t)
         wanted = own if reference is None else reference
         changed_s = -math.inf if reference is None else t
-        return Following(own, reference, wanted, changed_s, begin(bounds, rest, wanted, t, start_s))
-    passage, wanted = state.passage, state.configured if reference is None else reference
+        return ActiveReference(own, reference, wanted, changed_s, begin(bounds, rest, wanted, t, start_s))
+    transition, wanted = state.transition, state.configured if reference is None else reference
     if reference is not state.given and not state.wanted.is_repeated_by(wanted, t):
         since_s = t - state.changed_s
-        passage = redirect(bounds, passage, wanted, t - dt, since_s if since_s <= STREAM_S else start_s)
+        transition = redirect(bounds, transition, wanted, t - dt, since_s if since_s <= STREAM_S else start_s)
         state = replaced(state, wanted=wanted, changed_s=t)
-    return replaced(state, given=reference, passage=advance(bounds, passage, t, dt))
+    return replaced(state, given=reference, transition=advance(bounds, transition, t, dt))
 
 
-def reference_ahead(bounds: Bounds, state: Following, time_s: float) -> Point:
+def reference_ahead(bounds: Bounds, state: ActiveReference, time_s: float) -> Point:
     """Return the reference `time_s` after the last tick, if no other is given meanwhile.
 
     Parameters
     ----------
     bounds : Bounds
         Limits of strain and rate.
-    state : Following
+    state : ActiveReference
         State after the last tick.
     time_s : float
         Time ahead [s], 0 or more.
@@ -110,12 +117,14 @@ def reference_ahead(bounds: Bounds, state: Following, time_s: float) -> Point:
     -------
     Point
     """
-    passage = state.passage
-    return point(bounds, advance(bounds, passage, passage.t_s + time_s, time_s) if time_s > 0.0 else passage)
+    transition = state.transition
+    return point(
+        bounds, advance(bounds, transition, transition.t_s + time_s, time_s) if time_s > 0.0 else transition
+    )
 
 
-def at_rest(bounds: Bounds, state: Following) -> bool:
+def at_rest(bounds: Bounds, state: ActiveReference) -> bool:
     """Whether the reference in force has come to the end of the wanted one, where that rests."""
-    passage = state.passage
-    has_arrived = bool(np.all(np.abs(passage.gap) <= _ARRIVED * bounds.strain))
-    return has_arrived and passage.t_s >= passage.target.end_s
+    transition = state.transition
+    has_arrived = bool(np.all(np.abs(transition.gap) <= _ARRIVED * bounds.strain))
+    return has_arrived and transition.t_s >= transition.target.end_s

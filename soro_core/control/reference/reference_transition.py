@@ -1,4 +1,4 @@
-"""The passage from one reference to the next, tick by tick, within the limits of strain and rate.
+"""The transition from one reference to the next, tick by tick, within the limits of strain and rate.
 
 A point called the lead moves through the strains, and the reference in force follows it through two
 first-order lags of `smoothing_s` each. The output of a lag is a weighted mean of its input, so the reference
@@ -31,7 +31,7 @@ _SAME_S = 1e-9
 
 @dataclass(frozen=True)
 class Bounds:
-    """Limits of every passage.
+    """Limits of every transition.
 
     Attributes
     ----------
@@ -50,13 +50,13 @@ class Bounds:
 
 
 @dataclass(frozen=True)
-class Passage:
+class ReferenceTransition:
     """State of the reference in force.
 
     Attributes
     ----------
     target : Reference
-        End of the passage.
+        End of the transition.
     t_s : float
         Time of the last tick [s].
     at : Point
@@ -78,8 +78,8 @@ class Passage:
     limited: bool
 
 
-def begin(bounds: Bounds, q: Array, target: Reference, t: float, within_s: float) -> Passage:
-    """Return the passage from rest to a target, a smooth step.
+def begin(bounds: Bounds, q: Array, target: Reference, t: float, within_s: float) -> ReferenceTransition:
+    """Return the transition from rest to a target, a smooth step.
 
     Parameters
     ----------
@@ -88,7 +88,7 @@ def begin(bounds: Bounds, q: Array, target: Reference, t: float, within_s: float
     q : ndarray (n_q,)
         Coordinates at the start.
     target : Reference
-        End of the passage.
+        End of the transition.
     t : float
         Time of the start [s].
     within_s : float
@@ -96,24 +96,26 @@ def begin(bounds: Bounds, q: Array, target: Reference, t: float, within_s: float
 
     Returns
     -------
-    Passage
+    ReferenceTransition
     """
     blend = Blend(Hold(bounds.fields.within(q, bounds.strain)), target, t, within_s)
     at = blend.sample(t)
-    return Passage(blend, t, at, np.zeros((3, at.q.size)), 0.0, False)
+    return ReferenceTransition(blend, t, at, np.zeros((3, at.q.size)), 0.0, False)
 
 
-def redirect(bounds: Bounds, passage: Passage, target: Reference, t: float, within_s: float) -> Passage:
-    """Return the passage to another target, with position, velocity and acceleration of the last passage.
+def redirect(
+    bounds: Bounds, transition: ReferenceTransition, target: Reference, t: float, within_s: float
+) -> ReferenceTransition:
+    """Return the transition to another target, with position, velocity and acceleration of the last one.
 
     Parameters
     ----------
     bounds : Bounds
         Limits of strain and rate.
-    passage : Passage
-        The last passage.
+    transition : ReferenceTransition
+        The last transition.
     target : Reference
-        End of the new passage.
+        End of the new transition.
     t : float
         Time of the change [s].
     within_s : float
@@ -121,15 +123,15 @@ def redirect(bounds: Bounds, passage: Passage, target: Reference, t: float, with
 
     Returns
     -------
-    Passage
+    ReferenceTransition
     """
     at = target.sample(t)
-    gap = _lags(passage.at, bounds) + passage.gap - _lags(at, bounds)
-    return Passage(target, t, at, gap, within_s, True)
+    gap = _lags(transition.at, bounds) + transition.gap - _lags(at, bounds)
+    return ReferenceTransition(target, t, at, gap, within_s, True)
 
 
-def advance(bounds: Bounds, passage: Passage, t: float, dt: float) -> Passage:
-    """Return the passage at time `t`.
+def advance(bounds: Bounds, transition: ReferenceTransition, t: float, dt: float) -> ReferenceTransition:
+    """Return the transition at time `t`.
 
     If more time than `dt` has passed since the last tick, the reference has stood still in the rest of it,
     while the target moved.
@@ -138,37 +140,37 @@ def advance(bounds: Bounds, passage: Passage, t: float, dt: float) -> Passage:
     ----------
     bounds : Bounds
         Limits of strain and rate.
-    passage : Passage
+    transition : ReferenceTransition
         State at the last tick.
     t, dt : float
         Time, and length of this tick [s].
 
     Returns
     -------
-    Passage
+    ReferenceTransition
     """
-    if abs(t - dt - passage.t_s) > _SAME_S:
-        passage = redirect(bounds, passage, passage.target, t - dt, passage.left_s)
-    at = passage.target.sample(t)
-    if not passage.limited:
-        return replaced(passage, t_s=t, at=at)
-    gap = passage.gap
-    left = max(passage.left_s - dt, 0.0)
-    fading = gap[0] * (left / passage.left_s if left > 0.0 else 0.0)
-    here, goal, h = _lags(passage.at, bounds) + gap, _lags(at, bounds), dt / bounds.smoothing_s
+    if abs(t - dt - transition.t_s) > _SAME_S:
+        transition = redirect(bounds, transition, transition.target, t - dt, transition.left_s)
+    at = transition.target.sample(t)
+    if not transition.limited:
+        return replaced(transition, t_s=t, at=at)
+    gap = transition.gap
+    left = max(transition.left_s - dt, 0.0)
+    fading = gap[0] * (left / transition.left_s if left > 0.0 else 0.0)
+    here, goal, h = _lags(transition.at, bounds) + gap, _lags(at, bounds), dt / bounds.smoothing_s
     lead = _within_reach(bounds, here[0], goal[0] + fading, dt)
     # At its limits the lead moves in a straight line in this tick; otherwise it moves as that of the target.
     gap = _lagged(gap, fading, h) if lead is None else _lagged(here, lead, h) - goal
     if np.all(np.abs(gap) <= _NEGLIGIBLE * bounds.strain):
         gap = np.zeros_like(gap)
-    return replaced(passage, t_s=t, at=at, gap=gap, left_s=left)
+    return replaced(transition, t_s=t, at=at, gap=gap, left_s=left)
 
 
-def point(bounds: Bounds, passage: Passage) -> Point:
-    """Return the reference in force at the time of the passage."""
-    if not passage.limited:  # the gap is zero
-        return passage.at
-    at, (lead, first, second), T = passage.at, passage.gap, bounds.smoothing_s
+def point(bounds: Bounds, transition: ReferenceTransition) -> Point:
+    """Return the reference in force at the time of the transition."""
+    if not transition.limited:  # the gap is zero
+        return transition.at
+    at, (lead, first, second), T = transition.at, transition.gap, bounds.smoothing_s
     return Point(
         at.q + second,
         at.qd + (first - second) / T,

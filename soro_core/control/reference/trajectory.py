@@ -43,7 +43,7 @@ class Reference(ABC):
         """Whether `other`, given at time `t` [s] while this reference is in force, is the same motion."""
         return other is self
 
-    def begun(self, t: float) -> Reference:
+    def started_at(self, t: float) -> Reference:
         """Return the same motion with its begin at time `t` [s]; a set point has none."""
         return self
 
@@ -71,7 +71,7 @@ class Hold(Reference):
 
 @dataclass(frozen=True)
 class Blend(Reference):
-    """Smooth passage from one reference to another within `duration_s`."""
+    """Smooth transition from one reference to another within `duration_s`."""
 
     first: Reference
     second: Reference
@@ -84,7 +84,7 @@ class Blend(Reference):
         return max(self.start_s + self.duration_s, self.second.end_s)
 
     def sample(self, t: float) -> Point:
-        """Return the blend; after the passage, the second reference alone."""
+        """Return the blend; after the transition, the second reference alone."""
         x = (t - self.start_s) / self.duration_s
         if x >= 1.0:
             return self.second.sample(t)
@@ -120,7 +120,7 @@ class Circle(Reference):
         side = self.curvature_per_m * (math.cos(phase) * self.along - math.sin(phase) * self.across)
         return Point(self.centre + out, w * side, -w * w * out)
 
-    def begun(self, t: float) -> Reference:
+    def started_at(self, t: float) -> Reference:
         """Return the circle with its phase 0 at time `t` [s]."""
         return replace(self, start_s=t)
 

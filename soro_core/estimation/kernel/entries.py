@@ -14,8 +14,8 @@ from soro_core.estimation.kernel.parts import (
     NIS,
     NIS_OF_POSITION,
     FilterArm,
+    FilterSettings,
     NoRoom,
-    Settings,
     make_scratch,
 )
 from soro_core.model.derivative.work import derivative_workspace
@@ -26,13 +26,13 @@ from soro_core.model.tables import Site, Tables
 
 
 @kernel
-def make_exact(t: Tables, s: Settings, n_wrench: int) -> Box:
+def make_exact(t: Tables, s: FilterSettings, n_wrench: int) -> Box:
     """Return an arm that has derivatives, with its filter."""
     return Box(FilterArm(t, make_work(t), derivative_workspace(t), s, make_scratch(t, s, n_wrench)))
 
 
 @kernel
-def make_differenced(t: Tables, s: Settings, n_wrench: int) -> Box:
+def make_differenced(t: Tables, s: FilterSettings, n_wrench: int) -> Box:
     """Return an arm without derivatives: differences replace them."""
     return Box(FilterArm(t, make_work(t), NoRoom(np.zeros(1)), s, make_scratch(t, s, n_wrench)))  # type: ignore[arg-type]
 
@@ -121,9 +121,9 @@ def expect(box: Box, place: Array, mean: Array, by_q: Array, by_rate: Array) -> 
     """Set what the next IMU sample is held against: `mean_strain.StrainProfile` about coordinates `place`."""
     w = view(box).scratch
     assign(place, w.place)
-    assign(mean, w.uneven)
-    assign_matrix(by_q, w.uneven_by_q)
-    assign_matrix(by_rate, w.uneven_by_rate)
+    assign(mean, w.mean_strain)
+    assign_matrix(by_q, w.mean_strain_by_q)
+    assign_matrix(by_rate, w.mean_strain_by_rate)
 
 
 @entry

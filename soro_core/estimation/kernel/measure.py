@@ -79,7 +79,7 @@ def _rotation_rows(arm: FilterArm, first: int) -> None:
 
 
 @inner
-def _of_uneven(arm: FilterArm) -> None:
+def _of_mean_strain(arm: FilterArm) -> None:
     """Angular columns by q in place of the mean strains; rows of the angular velocity by the rates of q."""
     w = arm.scratch
     n, x = w.place.shape[0], w.moved
@@ -87,8 +87,8 @@ def _of_uneven(arm: FilterArm) -> None:
         for j in range(n):
             x[j] = 0.0
             for i in range(n):
-                x[j] += w.columns[i, r] * w.uneven_by_q[i, j]
-                w.rows[r, n + j] += w.columns[i, r] * w.uneven_by_rate[i, j]
+                x[j] += w.columns[i, r] * w.mean_strain_by_q[i, j]
+                w.rows[r, n + j] += w.columns[i, r] * w.mean_strain_by_rate[i, j]
         for j in range(n):
             w.columns[j, r] = x[j]
 
@@ -108,9 +108,9 @@ def measure(
     if kind != POSE:
         q = w.moved
         for i in range(n):
-            q[i] = w.uneven[i]
+            q[i] = w.mean_strain[i]
             for j in range(n):
-                q[i] += w.uneven_by_q[i, j] * (mean[j] - w.place[j])
+                q[i] += w.mean_strain_by_q[i, j] * (mean[j] - w.place[j])
     kinematics(t, arm.work, site, q, R, w.position, J)
     clear_matrix(w.rows)
     if kind != IMU:
@@ -124,7 +124,7 @@ def measure(
         for r in range(6):
             w.variance[r] = s.pose_variance[r]
         return 6
-    _of_uneven(arm)
+    _of_mean_strain(arm)
     # d(omega)/dq = dJ/dq qd is neglected: small at the speeds of an arm, and 0 at rest.
     for r in range(3):
         res[r] = first[r]

@@ -16,7 +16,7 @@ from soro_core.model.work import Work
 MOST_ROWS = 9
 # Kinds of samples.
 POSE, IMU, IMU_ORIENTED = 0, 1, 2
-# Rows of `Settings.process` and `Settings.learned_process`.
+# Rows of `FilterSettings.process` and `FilterSettings.learned_process`.
 OF_RATE, OF_DRIFT = 0, 1
 # What an update reports: normalised innovation squared of the sample, and of its position; the predicted
 # position at its place before and after it.
@@ -24,7 +24,7 @@ NIS, NIS_OF_POSITION, BEFORE, AFTER = 0, 1, 2, 5
 N_REPORTED = 8
 
 
-class Settings(NamedTuple):
+class FilterSettings(NamedTuple):
     """Noise, limits and units of one filter; n coordinates, n_d = n or 0 disturbances, m = 2 n + 2 n_d."""
 
     n_d: int
@@ -138,9 +138,9 @@ class Scratch(NamedTuple):
     solved: Array
     mean: Array
     """(m,)."""
-    begun: Array
+    start: Array
     """State at the start of a part of a step, (m,) and (n_internal,)."""
-    begun_internal: Array
+    start_internal: Array
     reported: Array
     """See `N_REPORTED`."""
     prior: Array
@@ -148,10 +148,10 @@ class Scratch(NamedTuple):
     prior_internal: Array
     prior_covariance: Array
     place: Array
-    """Where `uneven` is linear, (n,): mean strains up to an IMU, (n,), and by q and rates."""
-    uneven: Array
-    uneven_by_q: Array
-    uneven_by_rate: Array
+    """Where `mean_strain` is linear, (n,): mean strains up to an IMU, (n,), and by q and rates."""
+    mean_strain: Array
+    mean_strain_by_q: Array
+    mean_strain_by_rate: Array
 
 
 class NoRoom(NamedTuple):
@@ -166,12 +166,12 @@ class FilterArm(NamedTuple):
     tables: Tables
     work: Work
     room: DerivativeWork
-    settings: Settings
+    settings: FilterSettings
     scratch: Scratch
 
 
 @inner
-def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
+def make_scratch(t: Tables, s: FilterSettings, n_wrench: int) -> Scratch:
     """Return the workspace for an arm."""
     n, n_z, n_u = t.basis.shape[0], t.internal_kind.shape[0], t.axial_gain.shape[1]
     m = 2 * n + 2 * s.n_d
@@ -214,14 +214,14 @@ def make_scratch(t: Tables, s: Settings, n_wrench: int) -> Scratch:
         np.zeros((MOST_ROWS, MOST_ROWS)),  # shared
         np.zeros(MOST_ROWS),  # solved
         np.zeros(m),  # mean
-        np.zeros(m),  # begun
-        np.zeros(n_z),  # begun_internal
+        np.zeros(m),  # start
+        np.zeros(n_z),  # start_internal
         np.zeros(N_REPORTED),  # reported
         np.zeros(m),  # prior
         np.zeros(n_z),  # prior_internal
         np.zeros((m, m)),  # prior_covariance
         np.zeros(n),  # place
-        np.zeros(n),  # uneven
-        np.eye(n),  # uneven_by_q
-        np.eye(n),  # uneven_by_rate
+        np.zeros(n),  # mean_strain
+        np.eye(n),  # mean_strain_by_q
+        np.eye(n),  # mean_strain_by_rate
     )

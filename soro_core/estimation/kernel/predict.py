@@ -23,9 +23,9 @@ def _part(
     """Move the belief by one part of a step, in place; gives a code."""
     s, w = arm.settings, arm.scratch
     n = s.limit.shape[0]
-    assign(mean, w.begun)
-    assign(internal, w.begun_internal)
-    code: int = motion.step_mean(arm, w.begun, w.begun_internal, pressure, dt, mean, internal)
+    assign(mean, w.start)
+    assign(internal, w.start_internal)
+    code: int = motion.step_mean(arm, w.start, w.start_internal, pressure, dt, mean, internal)
     if code == GOOD:
         code = spread.step_covariance(arm, P, share, dt, P)
     if code == GOOD:

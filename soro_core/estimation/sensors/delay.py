@@ -1,7 +1,7 @@
 """The delay of a sensor that its stamps do not declare, from what the model alone expects of its position.
 
 A filter and a learner follow a delayed sensor: the innovation does not show the delay, and the force that
-they find does. What the model lacks, r = H p - [M q'' + C q' + G + f_e + R q' + creep], moves the place of
+they find does. The unmodelled force, r = H p - [M q'' + C q' + G + f_e + R q' + creep], moves the place of
 the sensor by J K^-1 r against the model. A delay d leaves J K^-1 K_t q' d there, K_t the stiffness with the
 weight; a load, a soft arm and a shifted frame leave a displacement that the pose explains. All are fitted at
 once:
@@ -30,7 +30,7 @@ _DELAY_S, _LOAD, _SHIFT_M, _SOFT = 0.1, 2.0, 1e-4, 0.3
 # The stiffness along the motion is that over this time of it [s].
 _AHEAD_S = 0.01
 # An arm moves whose speed is above that many of its deviations: with a learned force, and without one, where
-# the filter's noise allows for what the model lacks and the rates err by less.
+# the filter's noise allows for unmodelled forces and the rates err by less.
 _MOVES, _MOVES_ALONE = 3.0, 0.5
 # Rows are forgotten with this part of the fit's age, and this time constant at least [s]: what the first ones
 # say of load and softness is wrong, because creep and filter have not settled.
@@ -104,7 +104,7 @@ class DelayFit(NamedTuple):
 
     Attributes
     ----------
-    t_s, begun_s : float
+    t_s, start_s : float
         Time of the last row, and of the prior [s].
     information, moment : ndarray (6, 6), (6,)
         A and b of A x = b, x = (delay [s], mass [kg], shift (3) [m], softness).
@@ -124,7 +124,7 @@ class DelayFit(NamedTuple):
     """
 
     t_s: float
-    begun_s: float
+    start_s: float
     information: Array
     moment: Array
     solution: Array
@@ -252,7 +252,7 @@ class DelayModel:
         t_s : float
             Time of the row [s].
         """
-        config, age_s = self.config, t_s - state.begun_s
+        config, age_s = self.config, t_s - state.start_s
         time_s = min(config.delay_time_s, max(_SHORTEST_S, _AGE_PART * age_s))
         dt = min(t_s - state.t_s, time_s)
         weight, forgotten = dt / (self._noise * config.delay_correlation_s), dt / time_s
@@ -277,4 +277,4 @@ class DelayModel:
         late = known and solution[0] - doubt > config.delay_allowed_s
         late_rows = state.late_rows + 1 if late else 0
         solved = information, moment, solution, deviation, state.residuals
-        return DelayFit(t_s, state.begun_s, *solved, misfit, counted, late_rows)
+        return DelayFit(t_s, state.start_s, *solved, misfit, counted, late_rows)

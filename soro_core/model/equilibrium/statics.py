@@ -71,15 +71,15 @@ def equilibrium(
     p = finite(shaped(pressure, (arm.n_u,), "pressure", name), "pressure")
     forces = RestForces(arm, p, added_tip_mass)
     if start is not None:
-        q, trouble = _near(forces, finite(shaped(start, (arm.n_q,), "start", name), "start"))
+        q, failure = _near(forces, finite(shaped(start, (arm.n_q,), "start", name), "start"))
     else:
-        q, trouble = _near(forces, np.zeros(arm.n_q))
-        if p.any() and (trouble or not forces.is_stable(q)):
-            q, trouble = _from_rest(forces, q, trouble)
-    if trouble:
+        q, failure = _near(forces, np.zeros(arm.n_q))
+        if p.any() and (failure or not forces.is_stable(q)):
+            q, failure = _from_rest(forces, q, failure)
+    if failure:
         cure = "start the search nearer to it (start), or lower the load"
         raise ModelError(
-            f"no equilibrium at pressures {listed(p)} Pa of {name}: {trouble}; {cure}", "equilibrium"
+            f"no equilibrium at pressures {listed(p)} Pa of {name}: {failure}; {cure}", "equilibrium"
         )
     return q
 
@@ -163,13 +163,13 @@ def carried_share(arm: SoftArm, pressure: ArrayLike, wrench: ArrayLike | None = 
     return branch.share if branch.is_whole else 1.0
 
 
-def _from_rest(forces: RestForces, found: Array, trouble: str) -> tuple[Array, str]:
+def _from_rest(forces: RestForces, found: Array, failure: str) -> tuple[Array, str]:
     """Equilibrium on the branch from rest; what was found before where there is no stable rest."""
     arm, p = forces.arm, forces.pressure_pa
     none = RestForces(arm, np.zeros(arm.n_u), forces.added_tip_mass)
     rest, unrest = _near(none, np.zeros(arm.n_q))
     if unrest or not none.is_stable(rest):
-        return found, trouble
+        return found, failure
     fields = strain_fields(arm.robot)
     weight = np.where(fields.stretch, 1.0, fields.length)
     branch = follow(forces.unbalanced, rest, weight, _scale(none, 1.0))
@@ -187,12 +187,12 @@ def _from_rest(forces: RestForces, found: Array, trouble: str) -> tuple[Array, s
 
 def _near(forces: RestForces, begin: Array) -> tuple[Array, str]:
     """Equilibrium near a start, and what prevented it."""
-    q, trouble = _search(forces, 1.0, begin)
-    if trouble and forces.outside:
+    q, failure = _search(forces, 1.0, begin)
+    if failure and forces.outside:
         q = begin
         for share in SHARES:
-            q, trouble = _search(forces, share, q)
-    return q, trouble
+            q, failure = _search(forces, share, q)
+    return q, failure
 
 
 def _scale(forces: RestForces, outside: float) -> Array:

@@ -17,7 +17,7 @@ from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.response import BULK, add_volume_curvature, cofactor, respond
 
 
-class Work(NamedTuple):
+class ElementWork(NamedTuple):
     """Room for the numbers of one element at a time."""
 
     F: Array
@@ -61,9 +61,9 @@ def tables(mesh: Mesh, cells: Integers) -> tuple[Array, Array, Array]:
 
 
 @inner
-def make_work(size: int) -> Work:
+def make_work(size: int) -> ElementWork:
     """Return room for elements of `size` displacements."""
-    return Work(
+    return ElementWork(
         np.empty((3, 3)),
         np.empty((3, 3)),
         np.empty((3, 3)),
@@ -143,7 +143,7 @@ def respond_element(
     volume: Array,
     u: Array,
     with_stiffness: bool,
-    work: Work,
+    work: ElementWork,
     f: Array,
     K: Array,
 ) -> float:

@@ -11,7 +11,7 @@ from soro_core.errors import ModelError
 from soro_design.fem.part import Part
 from soro_design.fem.solve.equations import LOOSE_CAUSE, Equations
 from soro_design.fem.solve.equilibrium import CUT, Attempt, equilibrium, inversion
-from soro_design.fem.solve.states import Settings, Solution, State
+from soro_design.fem.solve.states import EquilibriumState, LoadSolution, SolverSettings
 
 # Iterations of a step that keeps its length, and the least cosine between a step and its tangent.
 USUAL, STRAIGHT = 5, 0.7
@@ -22,11 +22,11 @@ GROWTH, SHORTENINGS, LOOKS = 1.5, 20, 40
 def follow(
     part: Part,
     load: float = 1.0,
-    settings: Settings | None = None,
-    until: Callable[[State], bool] | None = None,
+    settings: SolverSettings | None = None,
+    until: Callable[[EquilibriumState], bool] | None = None,
     most_steps: int = 200,
-    progress: Callable[[State], None] | None = None,
-) -> Solution:
+    progress: Callable[[EquilibriumState], None] | None = None,
+) -> LoadSolution:
     """Follow the path of equilibria of the part from its undeformed state, also where the load falls.
 
     Parameters
@@ -35,7 +35,7 @@ def follow(
         The part.
     load : float
         Load factor above 0 at which to end, once the path rises to it.
-    settings : Settings, optional
+    settings : SolverSettings, optional
         The first step is as long as the displacements of its load step in the linear part.
     until : callable, optional
         Of a state: whether to end there.
@@ -46,7 +46,7 @@ def follow(
 
     Returns
     -------
-    Solution
+    LoadSolution
         With all states of the path; with a status in place of an exception where it ends early.
 
     Raises
@@ -58,10 +58,10 @@ def follow(
         raise ModelError(
             f"load {load}, most_steps {most_steps}; allowed: load above 0, 1 step or more", "load"
         )
-    settings = settings or Settings(iterations=part.usual_iterations)
+    settings = settings or SolverSettings(iterations=part.usual_iterations)
     equations = Equations(part)
-    path = Path(equations, settings, at_rest(part), None)
-    states: list[State] = []
+    path = ArcLengthPath(equations, settings, at_rest(part), None)
+    states: list[EquilibriumState] = []
     cause = LOOSE_CAUSE if equations.is_loose() else ""
     while not cause and len(states) < most_steps:
         state = path.step(load)
@@ -76,38 +76,44 @@ def follow(
     else:
         cause = cause or f"load factor {path.last.load:.6g} after {most_steps} steps; ask for more of them"
     status = "stopped" if cause else "solved"
-    return Solution(status, cause, tuple(states), path.last, len(states), path.iterations)
+    return LoadSolution(status, cause, tuple(states), path.last, len(states), path.iterations)
 
 
-def at_rest(part: Part) -> State:
+def at_rest(part: Part) -> EquilibriumState:
     """Return the undeformed state."""
     zero = np.zeros_like(part.mesh.points)
-    return State(0.0, zero, zero, 0.0)
+    return EquilibriumState(0.0, zero, zero, 0.0)
 
 
-class Path:
+class ArcLengthPath:
     """The end of a path of equilibria, which steps on.
 
     Parameters
     ----------
     equations : Equations
         Of the part.
-    settings : Settings
+    settings : SolverSettings
         First step, tolerance and iterations.
-    last : State
+    last : EquilibriumState
         Where it begins.
-    before : State or None
+    before : EquilibriumState or None
         A state before it, which says where the path comes from; by default the load rises first.
     """
 
-    def __init__(self, equations: Equations, settings: Settings, last: State, before: State | None) -> None:
+    def __init__(
+        self,
+        equations: Equations,
+        settings: SolverSettings,
+        last: EquilibriumState,
+        before: EquilibriumState | None,
+    ) -> None:
         self.equations, self.settings = equations, settings
         self.last = last
         self.way = None if before is None else last.u - before.u
         self.length = 0.0 if self.way is None else float(np.linalg.norm(self.way))
         self.iterations, self.cause = 0, ""
 
-    def step(self, ceiling: float = np.inf) -> State | None:
+    def step(self, ceiling: float = np.inf) -> EquilibriumState | None:
         """Go on by one step, at most up to the load `ceiling`; return None where there is no state."""
         last, equations = self.last, self.equations
         rate = self._rate(last.u, last.load)
@@ -156,7 +162,7 @@ class Path:
                 return Attempt(None, inversion(part, balance.inverted), iteration)
             if equations.is_met(balance, u, load, self.settings.tolerance):
                 forces = equations.state_forces(balance)
-                return Attempt(State(load, u, forces, balance.energy), "", iteration)
+                return Attempt(EquilibriumState(load, u, forces, balance.energy), "", iteration)
             self.iterations += 1
             tangent = equations.tangent(balance)
             by_gap = tangent.move(-balance.unbalanced, equations.gap(u, load)) if tangent else None
@@ -174,19 +180,21 @@ class Path:
         return Attempt(None, "no equilibrium within the iterations", self.settings.iterations)
 
 
-def limit_load(equations: Equations, before: State | None, last: State, settings: Settings) -> float | None:
+def limit_load(
+    equations: Equations, before: EquilibriumState | None, last: EquilibriumState, settings: SolverSettings
+) -> float | None:
     """Return the load factor at which the path beyond a state turns back, or None where it rises on.
 
     Parameters
     ----------
     equations : Equations
         Of the part.
-    before, last : State
+    before, last : EquilibriumState
         The last two states in equilibrium, if there are two.
-    settings : Settings
+    settings : SolverSettings
         As of the path.
     """
-    path = Path(equations, settings, last, before)
+    path = ArcLengthPath(equations, settings, last, before)
     highest = last.load
     for _ in range(LOOKS):
         state = path.step()

@@ -41,7 +41,7 @@ class Equations:
         self.diagonal = pattern.diagonal()
 
     def gap(self, u: Array, load: float) -> Array:
-        """Displacements (n, d) [m] that held nodes still lack."""
+        """Displacements (n, d) [m] still to go of held nodes."""
         return np.where(self.is_held, load * self.target - u, 0.0)
 
     def free(self, balance: Balance) -> Array:

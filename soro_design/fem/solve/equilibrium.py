@@ -11,7 +11,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_design.fem.part import Balance, Part
 from soro_design.fem.solve.equations import Equations
-from soro_design.fem.solve.states import Settings, State
+from soro_design.fem.solve.states import EquilibriumState, SolverSettings
 
 CUT = 0.5
 # The slope of the potential at the end of a step over that at its start; beyond it the step is shortened.
@@ -22,13 +22,13 @@ SHORTENINGS = 8
 class Attempt(NamedTuple):
     """A state in equilibrium, or the cause why there is none, and the iterations used."""
 
-    state: State | None
+    state: EquilibriumState | None
     cause: str
     iterations: int
 
 
 def equilibrium(
-    equations: Equations, guess: Array, safe: Array, load: float, settings: Settings, is_searching: bool
+    equations: Equations, guess: Array, safe: Array, load: float, settings: SolverSettings, is_searching: bool
 ) -> Attempt:
     """Return the state at a load, or a cause.
 
@@ -40,7 +40,7 @@ def equilibrium(
         Displacements to start from, and those where no element is inverted, if the guess has one [m].
     load : float
         Load factor.
-    settings : Settings
+    settings : SolverSettings
         How close, and how long to try.
     is_searching : bool
         Whether to shorten steps to where the potential has its lowest point.
@@ -55,7 +55,9 @@ def equilibrium(
         if balance.inverted >= 0:
             return Attempt(None, inversion(part, balance.inverted), iteration)
         if equations.is_met(balance, u, load, settings.tolerance):
-            return Attempt(State(load, u, equations.state_forces(balance), balance.energy), "", iteration)
+            return Attempt(
+                EquilibriumState(load, u, equations.state_forces(balance), balance.energy), "", iteration
+            )
         tangent = equations.tangent(balance)
         step = tangent.move(-balance.unbalanced, equations.gap(u, load)) if tangent else None
         if step is None:

@@ -12,7 +12,7 @@ from soro_core.errors import ModelError
 from soro_design.fem.part import Part
 from soro_design.fem.solve.equations import Equations
 from soro_design.fem.solve.linear import factorised
-from soro_design.fem.solve.states import State
+from soro_design.fem.solve.states import EquilibriumState
 
 # Modes are searched from this share of the mean stiffness over mass below 0: a free part has some at 0.
 BELOW = 1e-9
@@ -51,14 +51,14 @@ def mass_entries(part: Part) -> Array:
     return data
 
 
-def modes(part: Part, state: State | None = None, count: int = 6) -> VibrationModes:
+def modes(part: Part, state: EquilibriumState | None = None, count: int = 6) -> VibrationModes:
     """Return the lowest modes about a state.
 
     Parameters
     ----------
     part : Part
         The part.
-    state : State, optional
+    state : EquilibriumState, optional
         In equilibrium; by default the undeformed part without loads.
     count : int
         Number of modes.

@@ -11,7 +11,7 @@ from soro_design.fem.part import Part
 from soro_design.fem.solve.arc import at_rest, limit_load
 from soro_design.fem.solve.equations import LOOSE_CAUSE, Equations
 from soro_design.fem.solve.equilibrium import CUT, Attempt, equilibrium
-from soro_design.fem.solve.states import Settings, Solution, State
+from soro_design.fem.solve.states import EquilibriumState, LoadSolution, SolverSettings
 
 GROWTH = 1.5
 
@@ -19,9 +19,9 @@ GROWTH = 1.5
 def solve(
     part: Part,
     loads: Sequence[float] = (1.0,),
-    settings: Settings | None = None,
-    progress: Callable[[State], None] | None = None,
-) -> Solution:
+    settings: SolverSettings | None = None,
+    progress: Callable[[EquilibriumState], None] | None = None,
+) -> LoadSolution:
     """Follow the part from its undeformed state through rising load factors.
 
     Parameters
@@ -30,14 +30,14 @@ def solve(
         The part.
     loads : sequence of float
         Load factors to stop at, rising from above 0.
-    settings : Settings, optional
+    settings : SolverSettings, optional
         How loads rise.
     progress : callable, optional
         Called with every state in equilibrium.
 
     Returns
     -------
-    Solution
+    LoadSolution
         With a status in place of an exception where no equilibrium is found.
 
     Raises
@@ -47,7 +47,7 @@ def solve(
     """
     if not all(a < b for a, b in zip((0.0, *loads), loads, strict=False)) or not np.isfinite(loads).all():
         raise ModelError(f"loads {tuple(loads)}; allowed: numbers that rise from above 0", "loads")
-    way = _Way(part, settings or Settings(iterations=part.usual_iterations), progress)
+    way = _Way(part, settings or SolverSettings(iterations=part.usual_iterations), progress)
     if way.equations.is_loose():
         return way.ended(LOOSE_CAUSE)
     for load in loads:
@@ -61,18 +61,20 @@ def solve(
 class _Way:
     """The states on the way to a load, and the load step that fits."""
 
-    def __init__(self, part: Part, settings: Settings, progress: Callable[[State], None] | None) -> None:
+    def __init__(
+        self, part: Part, settings: SolverSettings, progress: Callable[[EquilibriumState], None] | None
+    ) -> None:
         self.equations, self.settings, self.progress = Equations(part), settings, progress
         self.last = at_rest(part)
-        self.before: State | None = None
-        self.reached: list[State] = []
+        self.before: EquilibriumState | None = None
+        self.reached: list[EquilibriumState] = []
         self.step = settings.first_step
         self.steps = self.iterations = 0
 
-    def ended(self, cause: str) -> Solution:
+    def ended(self, cause: str) -> LoadSolution:
         """Return what became of it."""
         status = "stopped" if cause else "solved"
-        return Solution(status, cause, tuple(self.reached), self.last, self.steps, self.iterations)
+        return LoadSolution(status, cause, tuple(self.reached), self.last, self.steps, self.iterations)
 
     def go_to(self, stop: float) -> str:
         """Go on to a load; return the cause if there is no way."""
@@ -101,7 +103,7 @@ class _Way:
                 break
         return attempt
 
-    def accept(self, state: State) -> None:
+    def accept(self, state: EquilibriumState) -> None:
         """Go on from a state in equilibrium."""
         # A step that was cut to end at a stop does not shorten the next one.
         self.step = GROWTH * max(self.step, state.load - self.last.load)

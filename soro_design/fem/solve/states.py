@@ -11,7 +11,7 @@ from soro_core.errors import ModelError
 
 
 @dataclass(frozen=True)
-class Settings:
+class SolverSettings:
     """How loads rise and when forces count as balanced.
 
     Attributes
@@ -48,7 +48,7 @@ class Settings:
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class EquilibriumState:
     """A state in equilibrium.
 
     Attributes
@@ -70,7 +70,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Solution:
+class LoadSolution:
     """What became of a solution.
 
     Attributes
@@ -79,9 +79,9 @@ class Solution:
         solved, or stopped before the last load.
     cause : str
         Why it stopped, else empty.
-    states : tuple of State
+    states : tuple of EquilibriumState
         Those at the loads asked for that were reached; of `follow`, all on the path.
-    last : State
+    last : EquilibriumState
         The last one in equilibrium, whatever the status.
     steps, iterations : int
         Load steps in equilibrium and all iterations.
@@ -89,7 +89,7 @@ class Solution:
 
     status: str
     cause: str
-    states: tuple[State, ...]
-    last: State
+    states: tuple[EquilibriumState, ...]
+    last: EquilibriumState
     steps: int
     iterations: int

@@ -52,7 +52,7 @@ class Flow:
 
 
 @dataclass(frozen=True, eq=False)
-class Pressures:
+class PressureField:
     """A field of pressure.
 
     Attributes
@@ -80,7 +80,7 @@ class Pressures:
         return np.asarray(-conductivity * by_conductivity - drainage * by_drainage)
 
 
-def pressures(grid: Grid, flow: Flow, density: Array, held_pa: Array) -> Pressures:
+def pressures(grid: Grid, flow: Flow, density: Array, held_pa: Array) -> PressureField:
     """Return the pressure field of densities.
 
     Parameters
@@ -107,4 +107,4 @@ def pressures(grid: Grid, flow: Flow, density: Array, held_pa: Array) -> Pressur
     if solver is None:
         raise ModelError("the flow has no solution: part of the grid is cut off from every edge", "flow")
     p[free] = solver.solve(-(rows @ p))
-    return Pressures(p, solver, grid, flow, density, free)
+    return PressureField(p, solver, grid, flow, density, free)

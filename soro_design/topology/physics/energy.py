@@ -17,7 +17,7 @@ from soro_core._jit import inner, kernel
 from soro_core.arrays import Array, Integers
 from soro_design.fem.elements.response import add_volume_curvature, cofactor
 from soro_design.fem.elements.solid import (
-    Work,
+    ElementWork,
     add_force,
     add_stiffness,
     fill_gradient,
@@ -60,7 +60,15 @@ class Elements(NamedTuple):
 
 @inner
 def _add_air(
-    slope: Array, hoop: Array, volume: Array, shape: Array, p: Array, u: Array, work: Work, f: Array, K: Array
+    slope: Array,
+    hoop: Array,
+    volume: Array,
+    shape: Array,
+    p: Array,
+    u: Array,
+    work: ElementWork,
+    f: Array,
+    K: Array,
 ) -> float:
     """Add force and stiffness of -int p J dV to f, K; return it."""
     energy = 0.0

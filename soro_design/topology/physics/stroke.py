@@ -26,7 +26,7 @@ LEAST_STEP = 0.05
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class PartAtRest:
     """A part at rest.
 
     Attributes
@@ -138,7 +138,7 @@ class Stroke:
         force[self.is_held] = 0.0
         return stored, potential, bad, force, data
 
-    def rest(self, density: Array, penalty: float, pressure: Array, guess: Array) -> Rest:
+    def rest(self, density: Array, penalty: float, pressure: Array, guess: Array) -> PartAtRest:
         """Return where the part rests under the pressures of its nodes.
 
         Parameters
@@ -175,7 +175,7 @@ class Stroke:
         assert found is not None
         return found
 
-    def _newton(self, kappa: Array, gamma: Array, pressure: Array, u: Array) -> tuple[Rest | None, str]:
+    def _newton(self, kappa: Array, gamma: Array, pressure: Array, u: Array) -> tuple[PartAtRest | None, str]:
         zero = np.zeros_like(u)
         scale = float(np.linalg.norm(self.balance(kappa, gamma, pressure, zero, False)[3])) or 1.0
         stored, _, bad, force, data = self.balance(kappa, gamma, pressure, u)
@@ -188,7 +188,7 @@ class Stroke:
             if solver is None:
                 return None, "the stiffness is singular"
             if size <= TOLERANCE * scale:
-                return Rest(u, stored, size / scale, solver), ""
+                return PartAtRest(u, stored, size / scale, solver), ""
             step = zero.copy()
             step.ravel()[self._free] = -solver.solve(force.ravel()[self._free])
             length = 1.0

@@ -36,7 +36,7 @@ class PortReport:
     warning: str = ""
 
 
-class BoardPort:
+class ConverterPair:
     """One DAC and one ADC.
 
     Parameters
@@ -200,7 +200,7 @@ class Ports:
         self._settle_s = 2.0 / platform.board.adc_rate_sps
         numbers = sorted({port.bus for port in platform.ports})
         self._buses = {number: open_bus(number) for number in numbers}
-        self.ports = [BoardPort(platform, n, self._buses[p.bus]) for n, p in enumerate(platform.ports)]
+        self.ports = [ConverterPair(platform, n, self._buses[p.bus]) for n, p in enumerate(platform.ports)]
         self._groups = [[port for port in self.ports if port.wiring.bus == number] for number in numbers]
         self._checked = 0
 
@@ -217,7 +217,7 @@ class Ports:
         """Write every DAC, read every ADC, and check the settings of one port, in turn."""
         checked, self._checked = self._checked, (self._checked + 1) % len(self.ports)
 
-        def serve(group: list[BoardPort]) -> list[tuple[int, PortReading]]:
+        def serve(group: list[ConverterPair]) -> list[tuple[int, PortReading]]:
             found = []
             for port in group:
                 lost = port.number == checked and port.lost_its_setting()

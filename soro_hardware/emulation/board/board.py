@@ -12,7 +12,7 @@ from soro_hardware.board.pi.contact import StopInput
 from soro_hardware.board.pi.ports import Ports
 from soro_hardware.emulation.board.i2c import EmulatedAds1015, EmulatedI2c, EmulatedMcp4725
 from soro_hardware.emulation.devices import ServedDevices
-from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.schedule import FaultSchedule
 
 
 class EmulatedBoard(ServedDevices):
@@ -134,7 +134,7 @@ class EmulatedBoard(ServedDevices):
 class _EmulatedContact:
     """The contact of the emergency stop, which a fault opens."""
 
-    def __init__(self, faults: Faults) -> None:
+    def __init__(self, faults: FaultSchedule) -> None:
         self._faults = faults
 
     def is_open(self) -> bool:

@@ -8,7 +8,7 @@ from soro_hardware.canopen.frames import EmcyCode
 from soro_hardware.canopen.sdo_frames import SdoAbort
 from soro_hardware.emulation.canopen.node import EmulatedNode
 from soro_hardware.emulation.faults.line_faults import ON_BYTES
-from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.schedule import FaultSchedule
 from soro_hardware.transport.frame import Frame
 
 ON_ADAPTER_LINE = frozenset({"truncate", "garbage_line"})
@@ -34,13 +34,13 @@ class NodeFaults:
 
     Parameters
     ----------
-    faults : Faults
+    faults : FaultSchedule
         Active faults.
     chambers : tuple of str
         Chambers of the node: a device fault of any of them is a fault of the node.
     """
 
-    def __init__(self, faults: Faults, chambers: tuple[str, ...]) -> None:
+    def __init__(self, faults: FaultSchedule, chambers: tuple[str, ...]) -> None:
         self._faults, self._chambers = faults, chambers
         self._sent: dict[int, bytes] = {}
         self._powered = True

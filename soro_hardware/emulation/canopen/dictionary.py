@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from soro_hardware.canopen.eds import Entry, Key
+from soro_hardware.canopen.eds import Key, ObjectEntry
 from soro_hardware.canopen.sdo_frames import SdoAbort
 
 
@@ -34,7 +34,7 @@ class ObjectDictionary:
         Functions that process a value before it is stored; they may raise `Refused`.
     """
 
-    def __init__(self, entries: dict[Key, Entry]) -> None:
+    def __init__(self, entries: dict[Key, ObjectEntry]) -> None:
         self.entries = entries
         self.values = {key: entry.default for key, entry in entries.items()}
         self.overrides: dict[Key, int] = {}
@@ -51,7 +51,7 @@ class ObjectDictionary:
         """Set a power-on value that differs from that in the EDS; parameters as in `put`."""
         self.overrides[index, sub] = self.values[index, sub] = value
 
-    def find(self, index: int, sub: int) -> Entry:
+    def find(self, index: int, sub: int) -> ObjectEntry:
         """Return the entry of an object; raises `Refused` if there is none."""
         entry = self.entries.get((index, sub))
         if entry is None:
@@ -71,7 +71,7 @@ class ObjectDictionary:
             raise Refused(SdoAbort.WRITE_ONLY)
         return self.get(index, sub).to_bytes(entry.bits // 8, "little", signed=entry.is_signed)
 
-    def writable(self, index: int, sub: int) -> Entry:
+    def writable(self, index: int, sub: int) -> ObjectEntry:
         """Return the entry of a writable object; raises `Refused` if there is none."""
         entry = self.find(index, sub)
         if not entry.writable:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 from soro_hardware.emulation.canopen.error_counters import ErrorCounters
 from soro_hardware.emulation.faults.line_faults import Disorder
-from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.schedule import FaultSchedule
 from soro_hardware.transport.frame import Frame, frame_bits
 
 ERROR_FRAME_BITS = 23
@@ -21,11 +21,11 @@ QUEUE_LENGTH = 256  # frames in the transmit buffer of a controller; further one
 
 class _Queued(NamedTuple):
     frame: Frame
-    controller: Controller
+    controller: BusController
     time_ns: int  # start of the wait; after the start of the transmission, its end
 
 
-class Controller:
+class BusController:
     """One controller on the bus.
 
     Parameters
@@ -102,19 +102,19 @@ class Hub:
 
     def __init__(self, bitrate: int) -> None:
         self._bitrate = bitrate
-        self.controllers: list[Controller] = []
+        self.controllers: list[BusController] = []
         self._waiting: list[_Queued] = []
         self._sending: _Queued | None = None
         self._idle_ns = 0
         self.frames = 0
         self._disturbed = False  # whether any receive error counter is above 0
-        self.spoil: Callable[[Frame, Controller], str] = lambda frame, controller: ""
-        self._faults = Faults(supported=())
-        self._host: Controller | None = None
-        self._babbler = Controller(lambda frame, now_ns: None)
-        self._disorder = Disorder[tuple[Frame, Controller]](self._faults)
+        self.spoil: Callable[[Frame, BusController], str] = lambda frame, controller: ""
+        self._faults = FaultSchedule(supported=())
+        self._host: BusController | None = None
+        self._babbler = BusController(lambda frame, now_ns: None)
+        self._disorder = Disorder[tuple[Frame, BusController]](self._faults)
 
-    def connect_faults(self, faults: Faults, host: Controller) -> None:
+    def connect_faults(self, faults: FaultSchedule, host: BusController) -> None:
         """Apply faults to the bus; `bus_off` and `ack_missing` act on the host's controller."""
         self._faults, self._host, self._disorder = faults, host, Disorder(faults)
         faults.on_start["bus_off"] = lambda _: host.go_off()
@@ -123,31 +123,31 @@ class Hub:
         faults.on_end["corrupt_bits"] = lambda _: self._rejoin_devices(host)
         self.spoil = lambda frame, controller: "c" if faults.happens("corrupt_bits") else ""
 
-    def rejoin(self, controller: Controller) -> None:
+    def rejoin(self, controller: BusController) -> None:
         """Reset a controller in bus-off, unless the fault `bus_off` is still active."""
         if controller is self._host and self._faults.value("bus_off") is not None:
             controller.report(controller.errors, "")
         else:
             controller.rejoin()
 
-    def _rejoin_devices(self, host: Controller) -> None:
+    def _rejoin_devices(self, host: BusController) -> None:
         """Reset the controllers of the devices, which leave bus-off without a command of the host."""
         for controller in self.controllers:
             if controller is not host:
                 controller.rejoin()
 
-    def attach(self, receive: Callable[[Frame, int], None]) -> Controller:
-        """Add a controller; `receive` as in `Controller`."""
-        controller = Controller(receive)
+    def attach(self, receive: Callable[[Frame, int], None]) -> BusController:
+        """Add a controller; `receive` as in `BusController`."""
+        controller = BusController(receive)
         self.controllers.append(controller)
         return controller
 
-    def send(self, controller: Controller, frame: Frame, now_ns: int) -> bool:
+    def send(self, controller: BusController, frame: Frame, now_ns: int) -> bool:
         """Queue a frame.
 
         Parameters
         ----------
-        controller : Controller
+        controller : BusController
             Sender.
         frame : Frame
             Frame to send.
@@ -202,12 +202,12 @@ class Hub:
         times = (self._sending.time_ns if self._sending else None, self._disorder.due_ns)
         return min((time for time in times if time is not None), default=None)
 
-    def _deliver(self, frame: Frame, sender: Controller, end_ns: int) -> None:
+    def _deliver(self, frame: Frame, sender: BusController, end_ns: int) -> None:
         for controller in self.controllers:
             if controller is not sender and controller.alive:
                 controller.receive(frame, end_ns)
 
-    def _count(self, sender: Controller, letter: str) -> None:
+    def _count(self, sender: BusController, letter: str) -> None:
         sender.errors.sent(bool(letter))
         sender.noticed(letter)
         if not (letter or self._disturbed):
@@ -234,7 +234,7 @@ class Hub:
             end_ns = max(self._idle_ns, first.time_ns) + self._duration_ns(frame_bits(first.frame))
             self._sending = first._replace(time_ns=end_ns)
 
-    def _held_by(self, controller: Controller) -> int:
+    def _held_by(self, controller: BusController) -> int:
         return sum(queued.controller is controller for queued in self._waiting)
 
     def _duration_ns(self, bits: int) -> int:

@@ -19,7 +19,7 @@ from soro_hardware.canopen.config import CanopenEmulation
 from soro_hardware.canopen.device import Device
 from soro_hardware.canopen.mapping import FixedScaling, Linear
 from soro_hardware.canopen.sdo_frames import SdoAbort
-from soro_hardware.emulation.air import Air
+from soro_hardware.emulation.air import EmulatedPressures
 from soro_hardware.emulation.canopen.dictionary import ObjectDictionary, Refused
 
 REACTION_NS = 10_000_000  # duration of FAULT_REACTION [ns]
@@ -63,7 +63,7 @@ class EmulatedValve:
         self._wake_pa = emulation.wake_pa
         self._has_states = device.has_states
         self._after_reaction = (0, ValveState.FAULT_DISABLED)
-        self._air: tuple[Air, int] | None = None
+        self._air: tuple[EmulatedPressures, int] | None = None
         objects = ((kind, device.find(kind, channel)) for kind in _KINDS)
         self._keys = {kind: (found.index, found.sub) for kind, found in objects if found is not None}
         reading = device.require("reading", channel)
@@ -77,7 +77,7 @@ class EmulatedValve:
             self._keys[kind]: write for kind, write in writes.items() if kind in self._keys
         }
 
-    def connect(self, air: Air, number: int) -> None:
+    def connect(self, air: EmulatedPressures, number: int) -> None:
         """Connect the valve to its air, given its number there."""
         self._air = (air, number)
 

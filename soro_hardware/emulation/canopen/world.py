@@ -9,7 +9,7 @@ from soro_hardware.canopen.device import describe
 from soro_hardware.canopen.frames import SYNC_ID
 from soro_hardware.emulation.canopen.adapter import Adapter
 from soro_hardware.emulation.canopen.can_faults import OF_NODES, ON_ADAPTER_LINE, ON_FRAMES, NodeFaults
-from soro_hardware.emulation.canopen.hub import Controller, Hub
+from soro_hardware.emulation.canopen.hub import BusController, Hub
 from soro_hardware.emulation.canopen.node import EmulatedNode
 from soro_hardware.emulation.canopen.slcan_server import (
     RememberingSlcanServer,
@@ -88,7 +88,7 @@ class World(EmulatedDevices):
         self.add_line(adapter)
         return adapter
 
-    def _take(self, controller: Controller, frame: Frame) -> bool:
+    def _take(self, controller: BusController, frame: Frame) -> bool:
         """Send a frame of an adapter; in lockstep a SYNC ends the cycle."""
         taken = self.hub.send(controller, frame, self.now_ns)
         self.hub.run(self.now_ns)
@@ -112,7 +112,7 @@ class World(EmulatedDevices):
     def _attach(
         self, node: int, platform: CanopenPlatform, boot_delay_ns: int
     ) -> tuple[EmulatedNode, NodeFaults]:
-        controller: Controller
+        controller: BusController
         chambers = tuple(platform.nodes[node].values())
         faults = NodeFaults(self.faults, chambers)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Generic, TypeVar
 
-from soro_hardware.emulation.faults.schedule import Faults
+from soro_hardware.emulation.faults.schedule import FaultSchedule
 from soro_hardware.emulation.line import Line
 
 ON_BYTES = frozenset({"drop", "corrupt_bits", "truncate", "duplicate", "delay", "reorder", "garbage_line"})
@@ -18,7 +18,7 @@ Message = TypeVar("Message")
 class Disorder(Generic[Message]):
     """Loses, duplicates, reorders and delays the messages of one direction, as the active faults demand."""
 
-    def __init__(self, faults: Faults) -> None:
+    def __init__(self, faults: FaultSchedule) -> None:
         self._faults = faults
         # Each with the time [ns] at which it is due; a held message is passed on before that by the next one.
         self._late: list[tuple[int, Message]] = []
@@ -58,7 +58,7 @@ class LineFaults:
 
     Parameters
     ----------
-    faults : Faults
+    faults : FaultSchedule
         Active faults.
     line : Line
         Line whose bytes the faults change.
@@ -66,7 +66,7 @@ class LineFaults:
         Names of the faults that act on the line; on a CAN bus most of them act on the frames instead.
     """
 
-    def __init__(self, faults: Faults, line: Line, kinds: Iterable[str] = ON_BYTES) -> None:
+    def __init__(self, faults: FaultSchedule, line: Line, kinds: Iterable[str] = ON_BYTES) -> None:
         self._faults, self._line, self._kinds = faults, line, frozenset(kinds)
         self._to_host, self._to_devices = Disorder[bytes](faults), Disorder[bytes](faults)
         line.to_host = lambda chunk: self._pass(chunk, self._to_host)
@@ -94,7 +94,7 @@ class LineFaults:
         return fault in self._kinds and self._faults.happens(fault)
 
 
-def flip_bit(data: bytes, faults: Faults) -> bytes:
+def flip_bit(data: bytes, faults: FaultSchedule) -> bytes:
     """Return the data with one random bit inverted."""
     changed = bytearray(data)
     bit = int(faults.rng.integers(8 * len(changed)))

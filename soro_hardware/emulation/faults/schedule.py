@@ -20,7 +20,7 @@ class _Entry(NamedTuple):
     end_ns: int | None
 
 
-class Faults:
+class FaultSchedule:
     """Scheduled and active faults, in emulated time.
 
     Parameters

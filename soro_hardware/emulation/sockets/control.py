@@ -11,8 +11,8 @@ from pathlib import Path
 
 from soro_core.errors import ConfigError, HardwareError
 from soro_hardware.emulation.faults.fault_types import Injection, read_injection
-from soro_hardware.emulation.faults.schedule import Faults
-from soro_hardware.emulation.sockets.unix_socket import Client, UnixServer
+from soro_hardware.emulation.faults.schedule import FaultSchedule
+from soro_hardware.emulation.sockets.unix_socket import SocketClient, UnixServer
 from soro_hardware.error_text import reason
 
 _LONGEST = 4096
@@ -25,7 +25,7 @@ class ControlServer(UnixServer):
     ----------
     path : str or Path
         Path of the Unix socket; the socket of a killed process is replaced.
-    faults : Faults
+    faults : FaultSchedule
         Faults to which the received ones are added.
     selector : selector
         Event loop that calls the server when bytes have arrived.
@@ -36,11 +36,11 @@ class ControlServer(UnixServer):
         If the socket cannot be made.
     """
 
-    def __init__(self, path: str | Path, faults: Faults, selector: selectors.BaseSelector) -> None:
+    def __init__(self, path: str | Path, faults: FaultSchedule, selector: selectors.BaseSelector) -> None:
         self._faults = faults
         super().__init__(path, "faults", selector)
 
-    def take(self, client: Client) -> None:
+    def take(self, client: SocketClient) -> None:
         *lines, client.received = client.received.split(b"\n")
         if max(len(client.received), len(client.backlog)) > _LONGEST:
             raise ValueError("the line has no end, or the client does not read the answers")
@@ -48,7 +48,7 @@ class ControlServer(UnixServer):
             self.write(client, f"{answer_to(self._faults, line.decode('utf-8', 'replace'))}\n".encode())
 
 
-def answer_to(faults: Faults, line: str) -> str:
+def answer_to(faults: FaultSchedule, line: str) -> str:
     """Execute one line and return the answer."""
     if line.strip() == "list":
         waiting = [f"{injection} in {seconds:.1f} s" for injection, seconds in faults.waiting]

@@ -19,7 +19,7 @@ from soro_hardware.emulation.sockets.plant_link import (
     pack_frame,
     take_message,
 )
-from soro_hardware.emulation.sockets.unix_socket import Client, UnixServer
+from soro_hardware.emulation.sockets.unix_socket import SocketClient, UnixServer
 
 _BACKLOG = 65536  # bytes kept for a client that does not read; further frames are dropped whole
 
@@ -62,7 +62,7 @@ class PlantLinkServer(UnixServer):
         self.dropped = 0
         self._present_pa, self._lockstep, self._timeout_s = present_pa, lockstep, timeout_s
         self._sequence = self._asked = self._answered = self._time_ns = 0
-        self._owner: Client | None = None
+        self._owner: SocketClient | None = None
         self._pressures: Array = np.empty(0)
         # Last pressures of an owner that has released the air, until the devices have read them.
         self._left: Array | None = None
@@ -113,19 +113,19 @@ class PlantLinkServer(UnixServer):
         left, self._left = self._left, None
         return left
 
-    def take(self, client: Client) -> None:
+    def take(self, client: SocketClient) -> None:
         while True:
             message, client.received = take_message(client.received)
             if message is None:
                 return
             self._handle(client, message)
 
-    def drop(self, client: Client) -> None:
+    def drop(self, client: SocketClient) -> None:
         super().drop(client)
         if client is self._owner:
             self._release_air()
 
-    def _handle(self, client: Client, message: Message) -> None:
+    def _handle(self, client: SocketClient, message: Message) -> None:
         if message.kind is PlantMessageType.ANSWER:
             self._take_answer(client, message)
             return
@@ -139,7 +139,7 @@ class PlantLinkServer(UnixServer):
             is_refused = message.kind is PlantMessageType.CLAIM and self._owner is not client
             self._send_present(client, np.empty(0) if is_refused else self._present_pa())
 
-    def _take_answer(self, client: Client, message: Message) -> None:
+    def _take_answer(self, client: SocketClient, message: Message) -> None:
         pressures = message.pressures
         if client is not self._owner:
             raise ValueError("an answer of a twin that has not claimed the air")
@@ -147,7 +147,7 @@ class PlantLinkServer(UnixServer):
             raise ValueError(f"{pressures} for {self._pressures.size} chambers")
         self._answered, self._pressures = message.sequence, pressures
 
-    def _send_present(self, client: Client, pressures: Array) -> None:
+    def _send_present(self, client: SocketClient, pressures: Array) -> None:
         nothing = ValveAction((), healthy(pressures.size))
         self.write(client, pack_frame(PlantFrame(0, self._time_ns, pressures, nothing)))
 

@@ -16,7 +16,7 @@ from soro_hardware.error_text import no_socket
 _CHUNK = 65536
 
 
-class Client:
+class SocketClient:
     """A client, with bytes received from it and bytes that wait to be sent to it."""
 
     def __init__(self, connection: socket.socket) -> None:
@@ -43,7 +43,7 @@ class UnixServer(ABC):
 
     def __init__(self, path: str | Path, what: str, selector: selectors.BaseSelector) -> None:
         self.path, self._selector = Path(path), selector
-        self._clients: list[Client] = []
+        self._clients: list[SocketClient] = []
         if not self.path.parent.is_dir():
             raise HardwareError(
                 f"cannot listen for {what} (there is no folder {self.path.parent})", path, "open"
@@ -83,10 +83,10 @@ class UnixServer(ABC):
                 os.unlink(self.path)
 
     @abstractmethod
-    def take(self, client: Client) -> None:
+    def take(self, client: SocketClient) -> None:
         """Remove and process the complete messages in `client.received`; a ValueError drops the client."""
 
-    def read(self, client: Client) -> None:
+    def read(self, client: SocketClient) -> None:
         """Receive and process bytes of a client."""
         try:
             chunk = client.socket.recv(_CHUNK)
@@ -99,7 +99,7 @@ class UnixServer(ABC):
         except (OSError, ValueError):
             self.drop(client)
 
-    def write(self, client: Client, message: bytes = b"") -> None:
+    def write(self, client: SocketClient, message: bytes = b"") -> None:
         """Send as much as possible without blocking; the rest follows later."""
         client.backlog += message
         try:
@@ -114,7 +114,7 @@ class UnixServer(ABC):
         if key.events != wanted:
             self._selector.modify(client.socket, wanted, key.data)
 
-    def drop(self, client: Client) -> None:
+    def drop(self, client: SocketClient) -> None:
         """Close the connection of a client."""
         if client in self._clients:
             self._clients.remove(client)
@@ -125,11 +125,11 @@ class UnixServer(ABC):
         with contextlib.suppress(BlockingIOError):
             connection, _ = self._socket.accept()
             connection.setblocking(False)
-            client = Client(connection)
+            client = SocketClient(connection)
             self._clients.append(client)
             self._selector.register(connection, selectors.EVENT_READ, lambda: self._serve(client))
 
-    def _serve(self, client: Client) -> None:
+    def _serve(self, client: SocketClient) -> None:
         self.read(client)
         if client.backlog and client in self._clients:
             self.write(client)

@@ -10,8 +10,8 @@ from typing import Any
 from soro_hardware.latch import Latch
 from soro_hardware.port import EMPTY_PA, Fault
 from soro_hardware.serial_line.config import LineOptions
-from soro_hardware.serial_line.line.request import Outcome, Request, shown
-from soro_hardware.serial_line.line.session import Session
+from soro_hardware.serial_line.line.request import Outcome, Request, format_bytes
+from soro_hardware.serial_line.line.session import StartupSession
 from soro_hardware.serial_line.line.setpoint import SlewedSetpoint
 
 _FIRST_TURNS = 4  # turns before the others of a device that is not at 0: ask again, 0, a reading, once more
@@ -153,7 +153,7 @@ class Channel(ABC):
         self.setpoint.follow(target_pa, dt)
 
     @abstractmethod
-    def describe(self, session: Session) -> str:
+    def describe(self, session: StartupSession) -> str:
         """Return a description of the device in one line; sends no commands.
 
         Raises
@@ -163,7 +163,7 @@ class Channel(ABC):
         """
 
     @abstractmethod
-    def start(self, session: Session) -> None:
+    def start(self, session: StartupSession) -> None:
         """Bring the device to 0 and check that it answers all requests of the loop.
 
         Raises
@@ -213,7 +213,7 @@ class Channel(ABC):
             return outcome
         self.missed = 0
         if self.strike(f"refused {request.kind}", outcome == "refused"):
-            self.latch("command_rejected", f"answers {shown(line)} to {shown(request.data)}")
+            self.latch("command_rejected", f"answers {format_bytes(line)} to {format_bytes(request.data)}")
         return outcome
 
     @abstractmethod

@@ -18,6 +18,6 @@ class Request:
     counts: int = 0
 
 
-def shown(data: bytes) -> str:
+def format_bytes(data: bytes) -> str:
     """Return the bytes of a line as text for errors."""
     return repr(data.decode("ascii", "replace").strip())

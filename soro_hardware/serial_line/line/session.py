@@ -9,7 +9,7 @@ from soro_core.errors import HardwareError
 from soro_hardware.serial_line.config import LineOptions
 from soro_hardware.serial_line.line.lines import LineSplitter
 from soro_hardware.serial_line.line.port import BytePort
-from soro_hardware.serial_line.line.request import shown
+from soro_hardware.serial_line.line.request import format_bytes
 
 TRIES = 3
 
@@ -35,7 +35,7 @@ class SharedLine(Protocol):
         """Drop received bytes and the open request; return the bytes."""
 
 
-class Session:
+class StartupSession:
     """Start-up dialogue with one device.
 
     Parameters
@@ -79,7 +79,7 @@ class Session:
             if (line := self.try_ask(question)) is not None:
                 if (value := read(line)) is not None:
                     return value
-                found, code = f"answers {shown(line)}", "refused"
+                found, code = f"answers {format_bytes(line)}", "refused"
         raise self.error(step, found, code)
 
     def ask_table(self, question: bytes, step: str, read: Callable[[list[bytes]], Value]) -> Value:
@@ -88,7 +88,7 @@ class Session:
         Parameters
         ----------
         question, step : bytes, str
-            As in `Session.ask`.
+            As in `StartupSession.ask`.
         read : callable
             Decodes the lines; raises `ValueError` for an invalid answer.
 

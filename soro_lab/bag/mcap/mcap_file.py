@@ -7,7 +7,7 @@ from typing import IO, Literal
 from mcap.records import Attachment
 from mcap.writer import CompressionType, Writer
 
-from soro_lab.bag.mcap.part import Part
+from soro_lab.bag.mcap.part import BagFile
 from soro_lab.bag.topics import Topic, qos_to_yaml
 
 Compression = Literal["none", "lz4", "zstd"]
@@ -48,7 +48,7 @@ class McapFile:
         schema = self._schema(topic.type, topic.definition_encoding, topic.definition.encode())
         return self._writer.register_channel(topic.name, topic.serialization_format, schema, metadata)
 
-    def copy_channel(self, part: Part, channel_id: int) -> int:
+    def copy_channel(self, part: BagFile, channel_id: int) -> int:
         """Register a copy of another file's channel; return its number in this file."""
         channel = part.channels[channel_id]
         old = part.schemas.get(channel.schema_id)

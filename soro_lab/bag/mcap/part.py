@@ -47,7 +47,7 @@ class Block(NamedTuple):
     size: int
 
 
-class Part:
+class BagFile:
     """Contents of one file.
 
     Parameters

@@ -14,7 +14,7 @@ from mcap import records as kinds
 from mcap.opcode import Opcode
 
 from soro_core.errors import BagError
-from soro_lab.bag.mcap.part import Block, Part
+from soro_lab.bag.mcap.part import BagFile, Block
 from soro_lab.bag.mcap.records import MAGIC, PREFIX, Damage, Prefix
 from soro_lab.bag.mcap.walk import RECORD_WORK, Walk
 
@@ -31,7 +31,7 @@ _LONGEST_INDEX = 1 << 24
 _NAMED = (Opcode.MESSAGE, Opcode.CHUNK, Opcode.ATTACHMENT, Opcode.METADATA)
 
 
-def open_part(path: Path, index: bool = True) -> Part:
+def open_part(path: Path, index: bool = True) -> BagFile:
     """Open one MCAP file.
 
     Parameters
@@ -49,7 +49,7 @@ def open_part(path: Path, index: bool = True) -> Part:
     stream = None
     try:
         stream = path.open("rb") if path.suffix != ".zstd" else _unpacked(path)
-        return _opened(Part(path, stream), index)
+        return _opened(BagFile(path, stream), index)
     except BaseException as error:
         if stream is not None:
             stream.close()
@@ -58,7 +58,7 @@ def open_part(path: Path, index: bool = True) -> Part:
         raise
 
 
-def _opened(part: Part, index: bool) -> Part:
+def _opened(part: BagFile, index: bool) -> BagFile:
     begin = part.source.bytes(0, min(len(MAGIC), part.size))
     tail = part.source.bytes(max(0, part.size - _TAIL), part.size)
     if not begin:
@@ -78,11 +78,11 @@ def _opened(part: Part, index: bool) -> Part:
 
 
 class _Summary:
-    """The index of a file: a Part filled from it, and what its statistics say.
+    """The index of a file: a `BagFile` filled from it, and what its statistics say.
 
     Parameters
     ----------
-    part : Part
+    part : BagFile
         The part to fill.
     start, end : int
         Where the records of the index begin and end [B].
@@ -97,7 +97,7 @@ class _Summary:
         If a record is inconsistent, or there are too many.
     """
 
-    def __init__(self, part: Part, start: int, end: int, is_proven: bool, is_at_place: bool) -> None:
+    def __init__(self, part: BagFile, start: int, end: int, is_proven: bool, is_at_place: bool) -> None:
         self.part, self._start = part, start
         self.is_proven, self._is_at_place = is_proven, is_at_place
         self._statistics: kinds.Statistics | None = None
@@ -180,8 +180,8 @@ class _Summary:
             return False
         return True
 
-    def walk(self, walked: Part) -> None:
-        """Fill a Part from the records of the file, with the help of the index."""
+    def walk(self, walked: BagFile) -> None:
+        """Fill a `BagFile` from the records of the file, with the help of the index."""
         part, counted, data_end = self.part, self._statistics, self._start - _DATA_END
         first, last = (counted.message_start_time, counted.message_end_time) if counted else (0, 1 << 64)
         outside_ns = range(0) if part.blocks else range(first, last + 1)
@@ -198,7 +198,7 @@ class _Summary:
             walked.lose(self._start, f"{missing} of {part.message_count} messages are missing")
 
 
-def _read_summary(part: Part, tail: bytes) -> _Summary | None:
+def _read_summary(part: BagFile, tail: bytes) -> _Summary | None:
     """Read the summary section; return None without one, and remark on one that is damaged or missing."""
     if len(tail) < _TAIL or not tail.endswith(MAGIC) or tail[: PREFIX.size] != PREFIX.pack(Opcode.FOOTER, 20):
         part.remark("not closed by its recorder, or cut: the index at the end is missing")
@@ -225,7 +225,7 @@ def _read_summary(part: Part, tail: bytes) -> _Summary | None:
             start = begin + part.source.bytes(begin, end).rfind(_DATA_END_BEGIN) + _DATA_END
             if not fits(start):
                 return None
-        return _Summary(Part(part.path, part.stream), start, end, bool(crc), start == stated)
+        return _Summary(BagFile(part.path, part.stream), start, end, bool(crc), start == stated)
     except Damage as damage:
         part.remark(f"{damage}; it is ignored")
         return None
@@ -239,7 +239,7 @@ def _unpacked(path: Path) -> IO[bytes]:
     BagError
         If it is damaged, or needs more than half of the free space of the temporary folder.
     """
-    stream = tempfile.TemporaryFile()  # noqa: SIM115 - closed by its Part
+    stream = tempfile.TemporaryFile()  # noqa: SIM115 - closed by its BagFile
     folder = tempfile.gettempdir()
     limit = shutil.disk_usage(folder).free // 2
     unpacker = zstandard.ZstdDecompressor()

@@ -13,7 +13,7 @@ from mcap.opcode import Opcode
 
 from soro_core.errors import BagError
 from soro_lab.bag.mcap.chunks import inner, message_key, most, unpack
-from soro_lab.bag.mcap.part import OUTSIDE, Block, Part
+from soro_lab.bag.mcap.part import OUTSIDE, BagFile, Block
 from soro_lab.bag.mcap.records import MAGIC, PREFIX, PRIVATE, Damage, Prefix, parse
 
 # Size of blocks of messages outside chunks [B].
@@ -27,7 +27,7 @@ _MESSAGE_WORK, RECORD_WORK, _SEARCH_WORK, _TRY_WORK = 150, 3000, 10, 700
 
 
 class Walk:
-    """Fills a Part from the records of its file.
+    """Fills a `BagFile` from the records of its file.
 
     Whatever is damaged is left out, and noted: of a wrong kind or length that record, else the chunk. Behind
     a length without sense the walk goes on at the next place by the index, else where the next two records
@@ -35,7 +35,7 @@ class Walk:
 
     Parameters
     ----------
-    part : Part
+    part : BagFile
         The part to fill; its `schemas` and `channels` may hold those of the index.
     places : sequence of int
         Where records begin or end by the index, in their order [B]; the last one is the end of the data.
@@ -43,7 +43,7 @@ class Walk:
         Log times of messages outside chunks by the index; none where it names chunks.
     """
 
-    def __init__(self, part: Part, places: Sequence[int] = (), outside_ns: range = range(1 << 64)) -> None:
+    def __init__(self, part: BagFile, places: Sequence[int] = (), outside_ns: range = range(1 << 64)) -> None:
         self._part, self._source, self._places = part, part.source, places
         self._outside_ns = outside_ns
         self._stop = places[-1] if places else part.size

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from soro_lab.identification.arm.laws import Law
+from soro_lab.identification.arm.laws import LawTerm
 
 # Part of the error that the best of all laws must take away by a few steps, for a full search of the best
 # ones; and how many these are.
@@ -24,7 +24,7 @@ class Trial:
 
     Attributes
     ----------
-    laws : tuple of Law
+    laws : tuple of LawTerm
     squares : tuple of float
         Mean square error of each held-out stretch, in ranges moved.
     values : dict
@@ -33,7 +33,7 @@ class Trial:
         Whether Ctrl-C ended the fit.
     """
 
-    laws: tuple[Law, ...]
+    laws: tuple[LawTerm, ...]
     squares: tuple[float, ...]
     values: dict[str, float]
     interrupted: bool = False
@@ -50,24 +50,24 @@ class Trial:
 
 
 @dataclass(frozen=True)
-class Choice:
+class LawChoice:
     """The laws that were chosen, and all that were tried, in order."""
 
     chosen: Trial
     tried: tuple[Trial, ...]
 
 
-Fit: TypeAlias = Callable[[tuple[Law, ...], Mapping[str, float], bool], Trial | None]
+Fit: TypeAlias = Callable[[tuple[LawTerm, ...], Mapping[str, float], bool], Trial | None]
 
 
-def choose(laws: Sequence[Law], fit: Fit) -> Choice:
+def choose(laws: Sequence[LawTerm], fit: Fit) -> LawChoice:
     """Add laws as long as each takes away 3 % of the held-out error; then take the simplest set.
 
     Every law that is left is tried by a few steps of the search; those that promise most, by more.
 
     Parameters
     ----------
-    laws : sequence of Law
+    laws : sequence of LawTerm
         Those that may be added.
     fit : callable
         Fits a set of laws from given values, in full or by a few steps; None where no such arm can be
@@ -75,7 +75,7 @@ def choose(laws: Sequence[Law], fit: Fit) -> Choice:
 
     Returns
     -------
-    Choice
+    LawChoice
         `chosen` has the fewest laws of all sets whose held-out error is within one standard error of the
         best, or within 3 %; the standard error is that of the difference over the sections.
     """
@@ -89,21 +89,21 @@ def choose(laws: Sequence[Law], fit: Fit) -> Choice:
         for trial in (fit((*best.laws, law), best.values, False) for law in left):
             found += [trial] if trial is not None else []
             if trial is not None and trial.interrupted:
-                return Choice(best, (*tried, *found))
+                return LawChoice(best, (*tried, *found))
         found.sort(key=lambda t: t.error)
         if found and found[0].error < (1.0 - _PROMISE) * best.error:
             for k, trial in enumerate(found[:_FULL]):
                 longer = fit(trial.laws, trial.values, True)
                 found[k] = trial if longer is None else longer
                 if found[k].interrupted:
-                    return Choice(best, (*tried, *found))
+                    return LawChoice(best, (*tried, *found))
         tried += found
         before, best = best, min((best, *found), key=lambda t: t.error)
         if best.error >= (1.0 - _WORTH) * before.error:
             break
     near = [t for t in tried if _is_as_good(t, best)]
     chosen = min(near, key=lambda t: (len(t.laws), t.error))
-    return Choice(chosen, tuple(tried))
+    return LawChoice(chosen, tuple(tried))
 
 
 def _is_as_good(trial: Trial, best: Trial) -> bool:

@@ -14,7 +14,7 @@ _ALWAYS = ("k_{}", "damping_{}", "gain", "arm", "chamber*/gain")
 
 
 @dataclass(frozen=True)
-class Law:
+class LawTerm:
     """An addition to the linear law.
 
     Attributes
@@ -32,17 +32,17 @@ class Law:
 
 
 LAWS = (
-    Law("hyper-elastic", ("rise_{}", "rate_{}"), {"rise_{}": 0.02}),
-    Law("area slope", ("area_slope",), {}),
-    Law("saturating area", ("area_slope", "area_saturation"), {"area_saturation": 0.2}),
-    Law("dead band", ("dead_band",), {"dead_band": 500.0}),
-    Law("creep", ("creep_{}", "creep_{}_tau"), {"creep_{}": 0.1}),
-    Law("slow creep", ("slow_{}", "slow_{}_tau"), {"slow_{}": 0.02}),
-    Law("Dahl hysteresis", ("dahl_{}", "dahl_{}_range"), {"dahl_{}": 0.02}),
+    LawTerm("hyper-elastic", ("rise_{}", "rate_{}"), {"rise_{}": 0.02}),
+    LawTerm("area slope", ("area_slope",), {}),
+    LawTerm("saturating area", ("area_slope", "area_saturation"), {"area_saturation": 0.2}),
+    LawTerm("dead band", ("dead_band",), {"dead_band": 500.0}),
+    LawTerm("creep", ("creep_{}", "creep_{}_tau"), {"creep_{}": 0.1}),
+    LawTerm("slow creep", ("slow_{}", "slow_{}_tau"), {"slow_{}": 0.02}),
+    LawTerm("Dahl hysteresis", ("dahl_{}", "dahl_{}_range"), {"dahl_{}": 0.02}),
 )
-# Added only where they are named: without a position sensor moment arms take up what other laws lack, and an
-# area that swells counts near the pressure alone beyond which its chamber has no balance.
-NAMED = (Law("moment arms", ("chamber*/arm",), {}), Law("swelling area", ("swell",), {"swell": 1e-6}))
+# Added only where they are named: without a position sensor moment arms take up what other laws leave out;
+# an area that swells counts near the pressure alone beyond which its chamber has no balance.
+NAMED = (LawTerm("moment arms", ("chamber*/arm",), {}), LawTerm("swelling area", ("swell",), {"swell": 1e-6}))
 _NEUTRAL = (
     *("rise_e", "rise_b", "area_slope", "area_saturation", "dead_band", "swell"),
     *("creep_e", "creep_b", "slow_e", "slow_b", "dahl_e", "dahl_b"),
@@ -56,14 +56,14 @@ def plain(robot: Robot, keep: Collection[str] = ()) -> Robot:
 
 
 def free_parameters(
-    robot: Robot, laws: Iterable[Law], kinds: str, keep: Collection[str] = ()
+    robot: Robot, laws: Iterable[LawTerm], kinds: str, keep: Collection[str] = ()
 ) -> tuple[tuple[ArmParameter, ...], dict[str, float]]:
     """Return the numbers that a fit with these laws searches, and where it starts.
 
     Parameters
     ----------
     robot : Robot
-    laws : iterable of Law
+    laws : iterable of LawTerm
     kinds : str
         Kinds of strain that the recordings show: "eb", or "b" of curvatures alone.
     keep : collection of str

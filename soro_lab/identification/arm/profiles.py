@@ -9,15 +9,15 @@ from concurrent.futures import ThreadPoolExecutor
 from soro_core.arrays import Array
 from soro_core.errors import SoroError
 from soro_lab.identification.arm.search.profile import Optimum, Profile, linear, searched
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.stages import ArmIdentification
 
 
-def least_certain(found: Identified, count: int = 3) -> tuple[str, ...]:
+def least_certain(found: ArmIdentification, count: int = 3) -> tuple[str, ...]:
     """Return the numbers of the arm that are determined, inside their bounds and least certain.
 
     Parameters
     ----------
-    found : Identified
+    found : ArmIdentification
     count : int
     """
     sure = found.certainty
@@ -30,7 +30,7 @@ def least_certain(found: Identified, count: int = 3) -> tuple[str, ...]:
 
 
 def profiles(
-    found: Identified,
+    found: ArmIdentification,
     wanted: Collection[str],
     progress: Callable[[str, float], None] = lambda stage, done: None,
 ) -> tuple[tuple[Profile, ...], bool]:
@@ -38,7 +38,7 @@ def profiles(
 
     Parameters
     ----------
-    found : Identified
+    found : ArmIdentification
     wanted : collection of str
         Numbers whose profile is searched with simulations; those of all others are linear.
     progress : callable

@@ -11,7 +11,7 @@ from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.arm.cases.physical import Unphysical, unphysical
 from soro_lab.identification.arm.laws import is_of_law
 from soro_lab.identification.arm.search.combinations import Combination, combinations
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.stages import ArmIdentification
 
 # What would determine a number that a recording leaves open, by the begin of its own name.
 _WEIGHT = "a known weight at the tip in some of the runs (it makes forces absolute), or quick steps"
@@ -32,12 +32,12 @@ _EXPERIMENTS = {
 }
 
 
-def robot_text(found: Identified, sources: Sequence[str]) -> str:
+def robot_text(found: ArmIdentification, sources: Sequence[str]) -> str:
     """Return the robot file.
 
     Parameters
     ----------
-    found : Identified
+    found : ArmIdentification
     sources : sequence of str
         Names of the recordings.
     """
@@ -53,7 +53,7 @@ def robot_text(found: Identified, sources: Sequence[str]) -> str:
     return "\n".join(lines) + "\n" + body
 
 
-def number_table(found: Identified) -> list[str]:
+def number_table(found: ArmIdentification) -> list[str]:
     """Return one line a number: name, value, standard deviation, unit, origin."""
     rows = [("number", "value", "deviation", "unit", "origin"), *_rows(found)]
     widths = [max(len(row[i]) for row in rows) for i in range(4)]
@@ -68,24 +68,24 @@ def experiment(name: str) -> str:
     return next(text for end, text in _EXPERIMENTS.items() if own.startswith(end))
 
 
-def impossible(found: Identified) -> tuple[Unphysical, ...]:
+def impossible(found: ArmIdentification) -> tuple[Unphysical, ...]:
     """Return what no arm has among the numbers that were found."""
     own = {name: value for name, value in found.solution.values.items() if name not in found.kept}
     return unphysical(found.robot, own)
 
 
-def combined(found: Identified) -> tuple[Combination, ...]:
+def combined(found: ArmIdentification) -> tuple[Combination, ...]:
     """Return the ratios and products that the data determine better than the numbers themselves."""
     return combinations(found.problem.numbers, found.certainty, found.solution.values)
 
 
-def marks(name: str, found: Identified, odd: Sequence[Unphysical]) -> Iterator[str]:
+def marks(name: str, found: ArmIdentification, odd: Sequence[Unphysical]) -> Iterator[str]:
     """Return what is to be known of a number beside its deviation.
 
     Parameters
     ----------
     name : str
-    found : Identified
+    found : ArmIdentification
     odd : sequence of Unphysical
     """
     if name in found.kept:
@@ -96,13 +96,13 @@ def marks(name: str, found: Identified, odd: Sequence[Unphysical]) -> Iterator[s
         yield "unphysical"
 
 
-def origin(name: str, found: Identified) -> str:
+def origin(name: str, found: ArmIdentification) -> str:
     """Return where a number comes from.
 
     Parameters
     ----------
     name : str
-    found : Identified
+    found : ArmIdentification
     """
     if name.startswith("frame/"):
         return "identified, of the measurement"
@@ -114,7 +114,7 @@ def origin(name: str, found: Identified) -> str:
     return "identified"
 
 
-def _rows(found: Identified) -> Iterator[tuple[str, str, str, str, str]]:
+def _rows(found: ArmIdentification) -> Iterator[tuple[str, str, str, str, str]]:
     odd = impossible(found)
     for each in combined(found):
         yield (
@@ -131,14 +131,14 @@ def _rows(found: Identified) -> Iterator[tuple[str, str, str, str, str]]:
         yield name, f"{value:.5g}", _deviation(number, found), number.unit, where
 
 
-def _deviation(number: ArmParameter, found: Identified) -> str:
+def _deviation(number: ArmParameter, found: ArmIdentification) -> str:
     if number.name in found.certainty.at_bound and number.name not in found.kept:
         return "-"  # where a bound ends the search, the parabola of the covariance has no meaning
     size = found.certainty.deviations[number.name]
     return f"{100 * size:.2g} %" if number.kind == "factor" else f"{size:.2g}"
 
 
-def _quality(found: Identified) -> Iterator[str]:
+def _quality(found: ArmIdentification) -> Iterator[str]:
     why = "the search was interrupted" if found.interrupted else "nothing could be held out"
     yield f"Laws: {found.choice.chosen.name if found.choice else f'linear ({why})'}."
     what = "Held out" if found.held_out else "Fitted"

@@ -16,16 +16,16 @@ from soro_lab.identification.arm.cases.case import Case, Whole
 from soro_lab.identification.arm.cases.initial_conditions import is_release, start_numbers
 from soro_lab.identification.arm.cases.pace import longest_step
 from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot, with_numbers
-from soro_lab.identification.arm.choose import Choice, Trial, choose
+from soro_lab.identification.arm.choose import LawChoice, Trial, choose
 from soro_lab.identification.arm.frames import calibrated, clock_numbers, frame_numbers
 from soro_lab.identification.arm.judge import Error, errors, ranges, share_of_range, squares
-from soro_lab.identification.arm.laws import LAWS, Law, free_parameters, is_of_law, plain
+from soro_lab.identification.arm.laws import LAWS, LawTerm, free_parameters, is_of_law, plain
 from soro_lab.identification.arm.search.blind import check_motion, check_numbers
 from soro_lab.identification.arm.search.prepare import first_errors, residual_errors, rests_of, split
 from soro_lab.identification.arm.search.problem import Problem, modelled
-from soro_lab.identification.arm.search.solve import Solution, evaluated, solve
+from soro_lab.identification.arm.search.solve import FitSolution, evaluated, solve
 from soro_lab.identification.arm.search.swing import swinging
-from soro_lab.identification.arm.search.uncertainty import Certainty, certainty, not_determined
+from soro_lab.identification.arm.search.uncertainty import Uncertainty, certainty, not_determined
 from soro_lab.identification.interrupts import only_in_searches
 from soro_lab.identification.recording import (
     Marker,
@@ -50,7 +50,7 @@ _FULL, _FEW = 10, 4
 
 
 @dataclass(frozen=True)
-class Options:
+class IdentificationOptions:
     """How arms are identified.
 
     Attributes
@@ -60,7 +60,7 @@ class Options:
         stiffness is right to 0.3 %.
     rate_hz : float
         Samples a second that are compared.
-    laws : tuple of Law
+    laws : tuple of LawTerm
         Laws that may be added.
     most : int
         Largest number of steps of each search.
@@ -79,7 +79,7 @@ class Options:
 
     dt_s: float | None = None
     rate_hz: float = 100.0
-    laws: tuple[Law, ...] = LAWS
+    laws: tuple[LawTerm, ...] = LAWS
     most: int = 25
     is_constant: bool = False
     starts: int = 3
@@ -89,7 +89,7 @@ class Options:
 
 
 @dataclass(frozen=True)
-class Identified:
+class ArmIdentification:
     """What an identification found.
 
     Attributes
@@ -98,7 +98,7 @@ class Identified:
         With all numbers that the data determine.
     problem, solution, certainty
         Of the last fit, on all data.
-    choice : Choice or None
+    choice : LawChoice or None
         Laws that were tried; None where nothing could be held out.
     fitted, held_out : tuple of Error
         Of the fit without the held-out sections.
@@ -115,9 +115,9 @@ class Identified:
 
     robot: Robot
     problem: Problem
-    solution: Solution
-    certainty: Certainty
-    choice: Choice | None
+    solution: FitSolution
+    certainty: Uncertainty
+    choice: LawChoice | None
     fitted: tuple[Error, ...]
     held_out: tuple[Error, ...]
     held_out_share: float
@@ -131,9 +131,9 @@ class Identified:
 def identify(
     robot: Robot,
     recordings: Sequence[Recording],
-    options: Options | None = None,
+    options: IdentificationOptions | None = None,
     progress: Progress = lambda stage, cost: None,
-) -> Identified:
+) -> ArmIdentification:
     """Find the numbers of an arm. Ctrl-C ends the search; what was found until then is returned.
 
     Parameters
@@ -142,7 +142,7 @@ def identify(
         Its geometry and masses hold; other numbers are where the search begins.
     recordings : sequence of Recording
         Cleaned; each begins at rest or with a release.
-    options : Options, optional
+    options : IdentificationOptions, optional
     progress : callable
         Called with the name of a stage and its cost, often.
 
@@ -154,7 +154,7 @@ def identify(
     ModelError
         If the arm as described cannot be simulated.
     """
-    options = Options() if options is None else options
+    options = IdentificationOptions() if options is None else options
     recordings = [recording for recording in recordings if recording.shapes]
     check_names(recordings)
     recordings, options = _let_go(recordings, options)
@@ -172,11 +172,11 @@ def identify(
     clocks = clock_numbers([case for case in whole if case.name not in releases])
     kinds = "eb" if any(isinstance(s, Plate | Marker) for r in recordings for s in r.shapes) else "b"
 
-    def problem(laws: Sequence[Law], cases: Sequence[Case]) -> Problem:
+    def problem(laws: Sequence[LawTerm], cases: Sequence[Case]) -> Problem:
         numbers, begin = free_parameters(robot, laws, kinds, keep)
         runs = [case.name for case in cases if isinstance(case, Whole)]
-        begun = modelled(with_numbers(robot, begin), is_constant)
-        starts = start_numbers(begun, [r for r in runs if r in releases])
+        model = modelled(with_numbers(robot, begin), is_constant)
+        starts = start_numbers(model, [r for r in runs if r in releases])
         own = (*clocks, *starts) if runs else ()
         return Problem(robot, tuple(cases), (*numbers, *frames, *own), expected, {}, is_constant)
 
@@ -190,14 +190,14 @@ def identify(
     check_numbers(problem((), fit), linear)
     expected = residual_errors(problem((), fit), linear.values)
 
-    def trial(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
+    def trial(laws: tuple[LawTerm, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
         name = " + ".join(law.name for law in laws) or "linear"
         begin = {**linear.values, **free_parameters(robot, laws, kinds, keep)[1], **start}
         most = min(_FULL if in_full else _FEW, options.most)
         try:
             told, cases = partial(progress, name), problem(laws, fit)
             found = solve(cases, begin, most, _COMPARED, told, secant=not in_full)
-            own = squares(held, problem(laws, held).predicted(found.values), moved)
+            own = squares(held, problem(laws, held).prediction_errors(found.values), moved)
         except (ModelError, ConfigError):
             return None
         return Trial(laws, own, found.values, found.interrupted)
@@ -205,8 +205,8 @@ def identify(
     interrupted = interrupted or linear.interrupted
     choice = choose(options.laws, trial) if held and not interrupted else None
     laws, best = (choice.chosen.laws, choice.chosen.values) if choice else ((), linear.values)
-    fitted = errors(fit, problem(laws, fit).predicted(best), expected)
-    judged = errors(held, problem(laws, held).predicted(best), expected)
+    fitted = errors(fit, problem(laws, fit).prediction_errors(best), expected)
+    judged = errors(held, problem(laws, held).prediction_errors(best), expected)
     expected = residual_errors(problem(laws, whole), best)
     interrupted = interrupted or (choice is not None and any(t.interrupted for t in choice.tried))
     limits = replace(options, most=1) if interrupted else options
@@ -218,12 +218,14 @@ def identify(
     )
     interrupted = interrupted or solution.interrupted
     parts = tuple(fit), tuple(held)
-    return Identified(
+    return ArmIdentification(
         found, last, solution, sure, choice, fitted, judged, share, kept, *parts, interrupted=interrupted
     )
 
 
-def _let_go(recordings: Sequence[Recording], options: Options) -> tuple[list[Recording], Options]:
+def _let_go(
+    recordings: Sequence[Recording], options: IdentificationOptions
+) -> tuple[list[Recording], IdentificationOptions]:
     """Return the recordings without the time in which a hand holds the arm; parts are held out together."""
     still = still_limits(recordings)
     parts = {recording.name: without_hands(recording, still) for recording in recordings}
@@ -235,13 +237,15 @@ def _names(recordings: Sequence[Recording]) -> tuple[str, ...]:
     return tuple(recording.name for recording in recordings)
 
 
-def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[dict[str, float], bool]:
+def _at_rest(
+    problem: Problem, options: IdentificationOptions, progress: Progress
+) -> tuple[dict[str, float], bool]:
     """Return the numbers at rest, undamped, the best of several starts, and whether Ctrl-C came."""
     numbers = tuple(n for n in problem.numbers if "/damping_" not in n.name)
     problem = replace(problem, numbers=numbers)
     own = np.array([is_of_robot(n.name) for n in numbers])
     draw = np.random.default_rng(options.seed)
-    found: list[Solution] = []
+    found: list[FitSolution] = []
     for k in range(options.starts):
         start = problem.value(own * draw.normal(0.0, 0.5, len(numbers)) * (k > 0))
         try:
@@ -256,8 +260,8 @@ def _at_rest(problem: Problem, options: Options, progress: Progress) -> tuple[di
 
 
 def _determined(
-    problem: Problem, start: Mapping[str, float], options: Options, progress: Progress
-) -> tuple[Solution, Certainty, dict[str, tuple[str, ...]]]:
+    problem: Problem, start: Mapping[str, float], options: IdentificationOptions, progress: Progress
+) -> tuple[FitSolution, Uncertainty, dict[str, tuple[str, ...]]]:
     """Fit, take out what the data do not determine, and fit the rest again.
 
     The deviations are those with all numbers free: what is taken out is no surer for it, nor are the others.
@@ -293,7 +297,7 @@ def _without(problem: Problem, name: str, values: Mapping[str, float]) -> Proble
     described = replace(problem, numbers=numbers)
     if not is_of_law(name):
         try:
-            described.predicted({n.name: values[n.name] for n in numbers})
+            described.prediction_errors({n.name: values[n.name] for n in numbers})
             return described
         except SoroError:
             pass

@@ -1,6 +1,6 @@
 """Recordings of an arm for identification: read, cleaned, cut into states at rest, decays and sections."""
 
-from soro_lab.identification.recording.faults import Faults
+from soro_lab.identification.recording.faults import OmittedSamples
 from soro_lab.identification.recording.motion import check_motion, moves
 from soro_lab.identification.recording.phases import Phase, decays, excited
 from soro_lab.identification.recording.place import Place, place_of_part
@@ -29,10 +29,10 @@ __all__ = [
     "Bend",
     "Columns",
     "Curvature",
-    "Faults",
     "Imu",
     "Marker",
     "Mean",
+    "OmittedSamples",
     "Phase",
     "Place",
     "Plate",

@@ -10,7 +10,7 @@ import numpy as np
 
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ConfigError
-from soro_lab.identification.recording.faults import Faults
+from soro_lab.identification.recording.faults import OmittedSamples
 from soro_lab.identification.recording.stale import StaleLimits, find_stale
 from soro_lab.identification.recording.streams import Bend, Curvature, Imu, Marker, Plate, Series, Stream
 from soro_lab.identification.records import LATE_S
@@ -52,7 +52,7 @@ def raw(stream: Stream, bad: Flags | None = None, outside: Flags | None = None) 
     return Raw(stream, none if bad is None else bad, none if outside is None else outside)
 
 
-def usable(found: Raw, where: str) -> tuple[Stream, Faults]:
+def usable(found: Raw, where: str) -> tuple[Stream, OmittedSamples]:
     """Return the samples that are finite, not marked, in range, and later than the one before.
 
     Parameters
@@ -80,24 +80,24 @@ def usable(found: Raw, where: str) -> tuple[Stream, Faults]:
     outside = keep & found.outside
     keep &= ~outside
     bad_count, outside_count, late_count = (int(mask.sum()) for mask in (bad, outside, late))
-    faults = Faults(stream.name, len(stream.t), not_finite, bad_count, outside_count, late_count)
+    faults = OmittedSamples(stream.name, len(stream.t), not_finite, bad_count, outside_count, late_count)
     if keep.sum() < 2:
         raise ConfigError(where, stream.name, str(faults), "two or more usable samples")
     return stream.rows(keep), faults
 
 
 def without_stale(
-    streams: Sequence[tuple[Stream, Faults]],
+    streams: Sequence[tuple[Stream, OmittedSamples]],
     exempt: Collection[str] = ("command",),
     limits: StaleLimits | None = None,
-) -> list[tuple[Stream, Faults]]:
+) -> list[tuple[Stream, OmittedSamples]]:
     """Return the streams of a recording without repeated and frozen samples, and their faults with these.
 
     What is fixed to the base does not move: its readings are never called frozen because the arm moves.
 
     Parameters
     ----------
-    streams : sequence of (Stream, Faults)
+    streams : sequence of (Stream, OmittedSamples)
         Streams named `pressure` and `command`, and those of the shape.
     exempt : collection of str
         Streams that stand still by nature, as set points do: all of their samples count.

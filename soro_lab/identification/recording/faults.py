@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
-class Faults:
+class OmittedSamples:
     """Counts of the samples of one stream that were left out.
 
     Attributes

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from soro_core.errors import ConfigError
-from soro_lab.identification.recording.faults import Faults
+from soro_lab.identification.recording.faults import OmittedSamples
 from soro_lab.identification.recording.streams import (
     Attitude,
     Bend,
@@ -41,7 +41,7 @@ class Recording:
         Whether the pressures are stated levels, because none were measured.
     frame : str
         What positions and quaternions refer to.
-    faults : tuple of Faults
+    faults : tuple of OmittedSamples
         What was left out of each stream of the file; also that of a window is of the whole file.
     notes : tuple of str
         What the reader has assumed, a line each.
@@ -59,7 +59,7 @@ class Recording:
     imus: tuple[Imu, ...] = ()
     is_stated: bool = False
     frame: str = "world"
-    faults: tuple[Faults, ...] = ()
+    faults: tuple[OmittedSamples, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property

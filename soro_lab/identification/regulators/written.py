@@ -53,8 +53,8 @@ def air_yaml(found: FoundAir, names: Sequence[str]) -> str:
     shares = found.shares()
     if found.regulators is not None:
         level1, level2 = found.regulators.level1, found.regulators.level2
-        data["emulation"] = {"regulator": air.block(level1.models[""])["emulation"]["regulator"]}
-        twin = {"air": "states", **data["emulation"], "valve": air.block(level2.models[""])["twin"]["valve"]}
+        data |= air.block(level1.models[""])
+        twin = {"air": "states", **data, "valve": air.block(level2.models[""])["twin"]["valve"]}
         identified["regulator"] = _numbers(level1.fits[""], shares["regulator"], "steps of all lines")
         identified["valve"] = _numbers(level2.fits[""], shares["valve"], "steps of all lines")
         identified["valve"]["lines"] = _lines(found.regulators)
@@ -74,7 +74,7 @@ def air_yaml(found: FoundAir, names: Sequence[str]) -> str:
     if twin:
         data["twin"] = twin
     head = (
-        "# Regulators, pumps and leaks, found by soro identify. Paste `emulation` into a "
+        "# Regulators, pumps and leaks, found by soro identify. Paste `regulator` into a "
         "platform, `twin` into a scene.\n"
     )
     return head + str(yaml.safe_dump({**data, "identified": identified}, sort_keys=False))

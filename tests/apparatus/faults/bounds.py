@@ -35,7 +35,7 @@ FROZEN_MS = 500.0
 TOP_MS = 1000.0
 # A supply is told every 0.1 s, and may be low for as long.
 SUPPLY_EVENT_MS, SUPPLY_MS = 100.0, 100.0
-# A drift at rest: 0.5 s of rest and three windows of a third of a second, the first of which may have begun.
+# A drift at rest: 0.5 s of rest and three windows of a third of a second, the first one perhaps under way.
 DRIFT_MS = 1700.0
 
 WRONG = rf"(implausible|stuck valve|frozen sensor): {CHAMBER} "

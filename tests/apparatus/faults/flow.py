@@ -54,10 +54,8 @@ class Plant:
 
 def behind_a_twin(rig: Rig) -> Rig:
     """The same rig with its air in the chambers of a twin, which moves with it."""
-    emulation = rig.platform.emulation
-    expected = emulation.regulator.model_copy(update={"tau_s": LAG_S, "vent_tau_s": 0.0})
-    emulation = emulation.model_copy(update={"regulator": expected})
-    rig = replace(rig, platform=rig.platform.model_copy(update={"emulation": emulation}))
+    expected = rig.platform.regulator.model_copy(update={"tau_s": LAG_S, "vent_tau_s": 0.0})
+    rig = replace(rig, platform=rig.platform.model_copy(update={"regulator": expected}))
     plant = Plant(rig)
     rig.devices.on_tick = plant.hear
     rig.devices.connect_plant(lambda: plant.pressure_pa)

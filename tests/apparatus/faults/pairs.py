@@ -173,7 +173,7 @@ def _recovers(loop: Watched) -> None:
     """When all is well again the arm follows after a reset with a zero command, and not before."""
     rig, refusals = loop.rig, list[str]()
     rig.at_devices(rig.devices.faults.clear)
-    loop.spin(0.4)  # a monitor may have begun to see one of them
+    loop.spin(0.4)  # a monitor may have started to see one of them
     while loop.vented and len(refusals) < TRIES:
         loop.spin(0.3, pressed=False)
         rig.at_devices(rig.mend)

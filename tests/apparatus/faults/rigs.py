@@ -67,7 +67,7 @@ class Rig:
         """Time [s] in which the model of the air vents."""
         if self.vent_s is not None:
             return self.vent_s(from_pa, to_pa, slower)
-        model = self.platform.emulation.regulator
+        model = self.platform.regulator
         return vent_time(model.model_copy(update={"tau_s": model.tau_s * slower}), from_pa, to_pa)
 
 
@@ -163,7 +163,7 @@ def other(name: str, real: bool) -> Rig:
         platform = platform.model_copy(update={"ports": platform.ports[:4], "board": options})
     rig = on_a_line(platform) if real else in_process(platform)
     if isinstance(rig.devices, EmulatedVeabServer):
-        rig.mend = rig.devices.start  # the published server ends at the first trouble; a person starts it
+        rig.mend = rig.devices.start  # the published server ends at the first error; a person starts it
     return rig
 
 

@@ -10,7 +10,7 @@ ANOTHER = "set_by_another, pressure_pa: 60e3"
 
 
 def veab(own: float) -> tuple[Row, ...]:
-    """A published server that ends at the first trouble, and then holds every pressure.
+    """A published server that ends at the first error, and then holds every pressure.
 
     Its messages have neither a frame nor a checksum; what TCP's own does not find is a wrong pressure.
     """

@@ -19,7 +19,7 @@ from soro_hardware.board.config import BoardPlatform
 from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.pi.board import Board
 from soro_hardware.board.pi.loop import Server
-from soro_hardware.board.session import Session
+from soro_hardware.board.session import BoardSession
 from soro_hardware.emulation.board.board import EmulatedBoard
 from soro_hardware.emulation.veab import EmulatedVeabServer
 from soro_hardware.platform import PlatformBase
@@ -73,7 +73,7 @@ def frames_to_the_driver(pieces: int, seed: int) -> Counted:
     """The driver's side of the same."""
     rng, counted = random.Random(seed), Counted()
     link = _Scripted()
-    session = Session(link, PORTS)
+    session = BoardSession(link, PORTS)
     lengths = messages.lengths(PORTS)
     port = messages.PortState(0, 0, messages.PortFlag.NONE, 0)
     good = messages.pack_state(messages.StateMessage(1, True, messages.Cause.NONE, 0, (port,) * PORTS))

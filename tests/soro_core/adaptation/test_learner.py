@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, load_robot
-from soro_core.adaptation import Learned, LearnedForce, Learner, Sample
+from soro_core.adaptation import Learned, LearnedForce, Learner, LearnerSample
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.config import find_config
 from soro_core.robot.parts import fields
@@ -30,7 +30,7 @@ def sample(seed_q, seed_v, theta, seed_a=0.0, **changes):
     force += ARM.inverse_dynamics(q, qd, qd, qdd) + ARM.elastic_force(q) + ARM.damping_force(q, qd)
     pressure = np.linalg.solve(ARM.actuation_matrix(q), force)
     none = np.zeros(ARM.n_internal)
-    made = Sample(q, qd, pressure, none, np.diag([1e-4, 0.04, 0.04]) ** 2)
+    made = LearnerSample(q, qd, pressure, none, np.diag([1e-4, 0.04, 0.04]) ** 2)
     return replace(made, **changes)
 
 

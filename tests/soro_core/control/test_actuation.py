@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from soro_core.config import parse
-from soro_core.control.config import Pressures
+from soro_core.control.config import AllocationConfig
 from soro_core.control.pressures.actuation import complete_pressures, contradictions
 from soro_core.control.pressures.lag_compensation import compensate
 from soro_core.pneumatics import RegulatorModel, initial_state, step
@@ -23,14 +23,14 @@ def values(pressures, names):
 
 
 def test_what_a_file_leaves_out_is_that_of_limits_and_regulators():
-    found = complete_pressures(Pressures(), NARROW, SLOW, 100.0, 0.010)
+    found = complete_pressures(AllocationConfig(), NARROW, SLOW, 100.0, 0.010)
     assert values(found, FROM_LIMITS) == values(NARROW, FROM_LIMITS)
     assert found.lag_s == 0.2
     # 10 ms of transport, 30 ms dead time, a tenth of lag and half a hold that the inverse leaves.
     assert found.preview_s == pytest.approx(0.010 + 0.030 + (0.200 + 0.005) / 10)
     assert found.dead_time_s == pytest.approx(0.010 + 0.030)
     assert found.play_pa == SLOW.hysteresis_pa == 900.0
-    assert complete_pressures(Pressures(play_pa=50.0), NARROW, SLOW).play_pa == 50.0
+    assert complete_pressures(AllocationConfig(play_pa=50.0), NARROW, SLOW).play_pa == 50.0
 
 
 def time_from_wish_to_pressure(found, response, rate_hz, ticks):
@@ -64,29 +64,29 @@ def time_from_wish_to_pressure(found, response, rate_hz, ticks):
 def test_the_preview_is_the_time_from_a_wish_to_its_pressure(lag_s, delay_s, rate_hz, ticks):
     exact = {"hysteresis_pa": 0.0, "command_resolution_pa": 0.0, "minimum_pa": -100e3, "maximum_pa": 1e8}
     response = RegulatorModel(tau_s=lag_s, delay_s=delay_s, **exact)
-    found = complete_pressures(Pressures(), Limits(), response, rate_hz, ticks / rate_hz)
+    found = complete_pressures(AllocationConfig(), Limits(), response, rate_hz, ticks / rate_hz)
     late_s = time_from_wish_to_pressure(found, response, rate_hz, ticks)
     assert found.preview_s == pytest.approx(late_s, abs=3e-4)
-    assert complete_pressures(Pressures(preview_s=0.0), Limits(), SLOW, rate_hz).preview_s == 0.0
+    assert complete_pressures(AllocationConfig(preview_s=0.0), Limits(), SLOW, rate_hz).preview_s == 0.0
 
 
 def test_a_file_with_values_of_its_own_is_followed_up_to_the_limits_and_says_where_it_differs():
-    own = Pressures(maximum_pa=40e3, rise_pa_s=50e3, fall_pa_s=300e3, lag_s=0.1, preview_s=0.05)
+    own = AllocationConfig(maximum_pa=40e3, rise_pa_s=50e3, fall_pa_s=300e3, lag_s=0.1, preview_s=0.05)
     found = complete_pressures(own, NARROW, SLOW)
     assert values(found, (*FROM_LIMITS, "lag_s", "preview_s")) == [-5e3, 40e3, 50e3, 150e3, 0.1, 0.05]
     assert contradictions(own, NARROW, SLOW) == [
         "pressures.fall_pa_s 300000 is beyond the limits: 150000 is used",
         "pressures.lag_s 0.1 is used, but the platform's regulators have 0.2 (tau_s)",
     ]
-    assert contradictions(Pressures(), NARROW, SLOW) == []
-    assert complete_pressures(Pressures(maximum_pa=150e3)).maximum_pa == 150e3, (
+    assert contradictions(AllocationConfig(), NARROW, SLOW) == []
+    assert complete_pressures(AllocationConfig(maximum_pa=150e3)).maximum_pa == 150e3, (
         "without limits there is nothing beyond"
     )
 
 
 def test_pressures_that_the_limits_leave_none_of_are_refused():
     with refused("", names=("minimum_pa", "maximum_pa")):
-        complete_pressures(Pressures(minimum_pa=70e3), NARROW)
+        complete_pressures(AllocationConfig(minimum_pa=70e3), NARROW)
 
 
 # Of a scene, and of the node ---------------------------------------------------------------------------
@@ -97,7 +97,7 @@ def platform(folder, **changes):
     regulator = {"tau_s": 0.2, "delay_s": 0.03, **changes}
     file.write_text(
         "family: canopen_408\ntransport: {kind: slcan}\nvalves: [{chamber: link0/chamber0, node: 1}]\n"
-        f"range: {{maximum_pa: 50e3}}\ncycle_hz: 200.0\nemulation: {{regulator: {regulator}}}\n"
+        f"range: {{maximum_pa: 50e3}}\ncycle_hz: 200.0\nregulator: {regulator}\n"
     )
     return str(file)
 

@@ -60,7 +60,7 @@ def test_rows_and_a_plain_list_are_the_same(points):
 
 def test_a_later_begin_is_the_same_motion_later(points):
     motion = Controller(ROBOT, config(points)).configured
-    np.testing.assert_allclose(motion.begun(5.0).sample(7.1).q, motion.sample(2.1).q, atol=1e-9)
+    np.testing.assert_allclose(motion.started_at(5.0).sample(7.1).q, motion.sample(2.1).q, atol=1e-9)
 
 
 @pytest.mark.parametrize(

@@ -35,7 +35,7 @@ def controller(mass_kg=0.02, **motion):
 def test_laws_that_have_learned_the_same_load_ask_for_the_same_force():
     adaptive, state = controller()
     learned = Learned(np.concatenate([[0.02], np.zeros(12)]))
-    keys = {"law": "composite", "law_options": {"uneven": False}, "reference": {"kind": "hold"}}
+    keys = {"law": "composite", "law_options": {"nonuniform_strain": False}, "reference": {"kind": "hold"}}
     composite = Controller(
         load_robot(find_config("tue_three_bellow", "robots")), parse(keys, ControllerConfig, "test")
     )
@@ -135,7 +135,7 @@ def test_a_motion_that_begins_under_way_continues_position_rate_and_acceleration
 
 
 def test_a_motion_replaces_another_without_a_jump_of_the_reference_in_force():
-    """The reference in force is what the law follows: old motion, passage and new motion together."""
+    """The reference in force is what the law follows: old motion, transition and new motion together."""
     control, state = controller()
     bounds, following, reference, at = control.bounds, None, None, REST.q
     rows = []

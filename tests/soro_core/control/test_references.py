@@ -115,7 +115,7 @@ def test_a_trajectory_runs_again_after_its_end_with_another_stamp_only(control):
 
 
 def test_what_was_ignored_does_not_come_later(control):
-    """The same motion with another stamp, given while it runs, is not begun when it has ended."""
+    """The same motion with another stamp, given while it runs, is not started when it has ended."""
     names, there_and_back = control.robot.coordinate_names, [[0.0] * 3, [0.0, 3.0, 0.0], [0.0] * 3]
 
     def make(state, t):

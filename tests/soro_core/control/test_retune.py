@@ -132,7 +132,7 @@ def test_narrower_pressures_bound_the_next_commands():
         ({"law": "adaptive"}, "law"),
         ({"reference": {**HOLD["reference"], "stretch_limit": 0.5}}, "reference.stretch_limit"),
         ({"pressures": {"regularisation": 1e-6}}, "pressures.regularisation"),
-        ({"law_options": {"uneven": False}}, "law_options"),
+        ({"law_options": {"nonuniform_strain": False}}, "law_options"),
         ({"reference": {**HOLD["reference"], "set_point": [0.9, 0.0, 0.0]}}, "reference.set_point"),
     ],
 )

@@ -39,12 +39,12 @@ def belief_of(filter_, mean=None):
 
 def transition(filter_, known, dt):
     """Transition of the covariance: that of a large covariance of one component, noise apart."""
-    begun = belief_of(filter_)
+    started = belief_of(filter_)
     columns = []
-    for i in range(len(begun.mean)):
-        large = np.zeros_like(begun.covariance)
+    for i in range(len(started.mean)):
+        large = np.zeros_like(started.covariance)
         large[i, i] = 1e30
-        out = filter_.predict(begun._replace(covariance=large), P, dt, known)[0].covariance
+        out = filter_.predict(started._replace(covariance=large), P, dt, known)[0].covariance
         columns.append(out[i] / out[i, i] * np.sqrt(out[i, i] / 1e30))
     return np.array(columns).T
 
@@ -109,9 +109,9 @@ def test_the_learned_force_is_that_of_the_law():
     dt = 1e-6
 
     def acceleration(known):
-        begun = belief_of(filter_)
-        begun.mean[2 * N :] = 0.0
-        return (filter_.predict(begun, P, dt, known)[0].qd - QD) / dt
+        started = belief_of(filter_)
+        started.mean[2 * N :] = 0.0
+        return (filter_.predict(started, P, dt, known)[0].qd - QD) / dt
 
     bare = acceleration(LearnedInput())
     for mass, carried in ((0.02, True), (-0.005, False)):
@@ -162,9 +162,9 @@ def test_a_mass_that_the_arm_does_not_have_takes_no_inertia_from_other_masses():
     robot = ROBOT.replace(point_masses=({"place": ROBOT.length, "mass": 0.01},))
     arm, bare = SoftArm(robot), SoftArm(ROBOT)
     filter_, dt, known = Filter(arm, CONFIG), 1e-6, model(-0.004)
-    begun = belief_of(filter_)
-    begun.mean[N:] = 0.0
-    with_it, without = (filter_.predict(begun, P, dt, one)[0].qd / dt for one in (known, LearnedInput()))
+    started = belief_of(filter_)
+    started.mean[N:] = 0.0
+    with_it, without = (filter_.predict(started, P, dt, one)[0].qd / dt for one in (known, LearnedInput()))
     weight = LearnedForce(bare).force(known.learned, Q, 0.0 * QD, 0.0 * QD)
     left = arm.inertia_matrix(Q) @ (with_it - without)
     np.testing.assert_allclose(left, -weight, rtol=2e-3, atol=2e-3 * np.abs(weight).max())
@@ -172,37 +172,37 @@ def test_a_mass_that_the_arm_does_not_have_takes_no_inertia_from_other_masses():
 
 def test_a_step_that_fails_holds_the_arm_and_widens():
     filter_ = Filter(SoftArm(ROBOT), CONFIG)
-    begun = belief_of(filter_)
-    begun.mean[0] = -2.0  # a link compressed to less than nothing
-    belief, ok = filter_.predict(begun, P, DT)
+    started = belief_of(filter_)
+    started.mean[0] = -2.0  # a link compressed to less than nothing
+    belief, ok = filter_.predict(started, P, DT)
     assert not ok
     np.testing.assert_array_equal(belief.q[1:], Q[1:])
     np.testing.assert_array_equal(belief.qd, 0.0)
-    assert (np.diag(belief.covariance) > np.diag(begun.covariance))[: 2 * N].all()
+    assert (np.diag(belief.covariance) > np.diag(started.covariance))[: 2 * N].all()
 
 
 def test_one_update_is_that_of_the_textbook():
     filter_ = Filter(SoftArm(ROBOT), CONFIG)
     rng = np.random.default_rng(1)
-    begun = belief_of(filter_)
-    root = np.diag(np.sqrt(np.diag(begun.covariance)) * 1e-3) @ rng.normal(size=begun.covariance.shape)
-    begun = begun._replace(covariance=root @ root.T)
+    started = belief_of(filter_)
+    root = np.diag(np.sqrt(np.diag(started.covariance)) * 1e-3) @ rng.normal(size=started.covariance.shape)
+    started = started._replace(covariance=root @ root.T)
     pose, jacobian = filter_.arm.pose_and_jacobian(Q, ROBOT.length)
     sample = PoseSample(0.0, pose[:3, 3] + 1e-4, np.array([0.0, 0.0, 0.0, 1.0]), ROBOT.length)
     far = parse({"pose": {"orientation_model_std_rad": 3.0}}, EstimatorConfig, "test")
     filter_ = Filter(SoftArm(ROBOT), far)
-    fused = filter_.advance(begun, P, 0.0, LearnedInput(), sample)
+    fused = filter_.advance(started, P, 0.0, LearnedInput(), sample)
     assert fused.outcome == FUSED
-    H = np.zeros((3, len(begun.mean)))
+    H = np.zeros((3, len(started.mean)))
     H[:, :N] = pose[:3, :3] @ jacobian[3:]
     variance = far.pose.position_std_m**2 + far.pose.position_model_std_m**2
-    S = H @ begun.covariance @ H.T + variance * np.eye(3)
-    gain = begun.covariance @ H.T @ np.linalg.inv(S)
-    covariance = (np.eye(len(H[0])) - gain @ H) @ begun.covariance
+    S = H @ started.covariance @ H.T + variance * np.eye(3)
+    gain = started.covariance @ H.T @ np.linalg.inv(S)
+    covariance = (np.eye(len(H[0])) - gain @ H) @ started.covariance
     residual = sample.position - pose[:3, 3]
     assert fused.position_nis == pytest.approx(residual @ np.linalg.solve(S, residual), rel=1e-9)
-    deviation = np.sqrt(np.diag(begun.covariance))
-    assert np.abs((fused.belief.mean - begun.mean - gain @ residual) / deviation).max() < 2e-3
+    deviation = np.sqrt(np.diag(started.covariance))
+    assert np.abs((fused.belief.mean - started.mean - gain @ residual) / deviation).max() < 2e-3
     assert np.abs((fused.belief.covariance - covariance) / np.outer(deviation, deviation)).max() < 2e-3
     np.testing.assert_allclose(
         fused.record[ESTIMATE : ESTIMATE + 3],
@@ -216,10 +216,10 @@ def test_one_update_is_that_of_the_textbook():
 def test_noise_of_the_pressures_accelerates_what_the_arm_carries(mass):
     """M^-1 H of the loaded arm times the noise of a reading."""
     filter_, reading_s = Filter(SoftArm(ROBOT), EstimatorConfig(), dt=0.004), 0.004
-    begun = belief_of(filter_)
-    begun = begun._replace(covariance=np.zeros_like(begun.covariance))
+    started = belief_of(filter_)
+    started = started._replace(covariance=np.zeros_like(started.covariance))
     dt = 1e-6
-    covariance = filter_.predict(begun, P, dt, model(mass))[0].covariance[N : 2 * N, N : 2 * N]
+    covariance = filter_.predict(started, P, dt, model(mass))[0].covariance[N : 2 * N, N : 2 * N]
     arm = SoftArm(ROBOT.replace(tip_mass=ROBOT.tip_mass + mass))
     by_p = np.linalg.solve(arm.inertia_matrix(Q), arm.actuation_matrix(Q))
     density = EstimatorConfig().pressure_std_pa ** 2 * reading_s
@@ -228,25 +228,25 @@ def test_noise_of_the_pressures_accelerates_what_the_arm_carries(mass):
 
 def test_a_disturbance_beside_a_learned_force_fades_sooner():
     filter_ = Filter(SoftArm(ROBOT), EstimatorConfig())
-    begun = belief_of(filter_)
-    begun.mean[3 * N :] = 0.0
+    started = belief_of(filter_)
+    started.mean[3 * N :] = 0.0
     for known, time_s in (
         (LearnedInput(), 5.0),
         (model(0.0)._replace(share=0.5), 1.0 / 0.725),
         (model(0.0), 0.8),
     ):
-        end = filter_.predict(begun, P, DT, known)[0].mean
-        np.testing.assert_allclose(end[2 * N : 3 * N], np.exp(-DT / time_s) * begun.mean[2 * N : 3 * N])
+        end = filter_.predict(started, P, DT, known)[0].mean
+        np.testing.assert_allclose(end[2 * N : 3 * N], np.exp(-DT / time_s) * started.mean[2 * N : 3 * N])
 
 
 def test_nothing_of_a_call_stays_behind():
     """The same input gives the same bits, whatever was computed in between."""
     filter_ = Filter(SoftArm(ROBOT), CONFIG)
-    begun, known = belief_of(filter_), model(0.01, 1.0)
-    first = filter_.predict(begun, P, DT, known)[0]
+    started, known = belief_of(filter_), model(0.01, 1.0)
+    first = filter_.predict(started, P, DT, known)[0]
     for other in (model(-0.01, 2.0), LearnedInput()):
-        filter_.predict(belief_of(filter_, 2.0 * begun.mean), 2.0 * P, DT, other)
-    again = filter_.predict(begun, P, DT, known)[0]
+        filter_.predict(belief_of(filter_, 2.0 * started.mean), 2.0 * P, DT, other)
+    again = filter_.predict(started, P, DT, known)[0]
     assert first.mean.tobytes() == again.mean.tobytes()
     assert first.covariance.tobytes() == again.covariance.tobytes()
     assert filter_.arm.tables.tip_mass[0] == ROBOT.tip_mass

@@ -90,10 +90,10 @@ def test_between_its_steps_the_force_of_the_bend_follows_arm_and_mass(robot):
     law = Controller(robot, parse({"law": "composite"}, ControllerConfig, "test")).law
     q, mass_kg, zero = np.array([0.1, 4.0, -2.0]), 0.02, np.zeros(3)
     nearby = q * 1.02, mass_kg * 1.05
-    shape = law.uneven.initial_state()
+    shape = law.nonuniform.initial_state()
     for _ in range(12):
-        shape, found = law.uneven.step(shape, Point(q, zero, zero), mass_kg)
-    there = law.uneven.away(Point(nearby[0], zero, zero), nearby[1])
+        shape, found = law.nonuniform.step(shape, Point(q, zero, zero), mass_kg)
+    there = law.nonuniform.away(Point(nearby[0], zero, zero), nearby[1])
     off = np.abs(found.at(*nearby) - there).max() / np.abs(found.force - there).max()
     assert off < 0.05  # of what a force that stays would miss
 
@@ -149,7 +149,7 @@ def test_a_load_that_is_too_much_is_named_and_the_arm_comes_back(robot):
     )
     report("80 g", record)
     said = [text for t, text in zip(record.t, record.statuses, strict=True) if heavy + 0.5 < t < light]
-    assert any("too much load: link0/chamber" in text for text in said)
+    assert any("pressure saturated: link0/chamber" in text for text in said)
     assert not any("fallen" in text for text in record.statuses)
     assert record.settled_s(light) <= 1.5
     assert record.statuses[-1] == ""

@@ -30,7 +30,7 @@ class Coupled:
     def __init__(self, robot, platform="emulated_canopen"):
         self.platform = load_platform(platform) if isinstance(platform, str) else platform
         self.devices = emulate(self.platform, True, 1)
-        config = TwinConfig(air="states", valve=VALVE, regulator=self.platform.emulation.regulator, refine=1)
+        config = TwinConfig(air="states", valve=VALVE, regulator=self.platform.regulator, refine=1)
         self.twin = Twin(robot, config)
         self.state = self.twin.initial()
         self.demands = [0.0] * len(self.devices.air.pressure_pa)
@@ -78,7 +78,7 @@ def test_readings_are_those_of_the_moved_air(robot):
     readings = np.array(
         [[coupled.devices.air.reading_pa(n) for n in range(3)] for _ in range(60) if len(coupled.run(1))]
     )
-    noise = coupled.platform.emulation.regulator.reading_noise_pa
+    noise = coupled.platform.regulator.reading_noise_pa
     np.testing.assert_allclose(readings.mean(axis=0), coupled.state.air.pressure_pa, atol=noise)
     assert noise / 2 < readings[:, 0].std() < 2 * noise
 

@@ -43,11 +43,11 @@ def test_the_arm_carries_each_load_from_its_time_on(robot):
 def test_the_times_count_from_the_begin_of_control(robot):
     twin = Twin(robot, config())
     light = Twin(robot, with_changes(config(), payload_changes={}))
-    waiting = replace(twin.initial(), begun=None, tick=100)
-    late = replace(waiting, begun=98)  # 10 ms ago
-    begun = replace(waiting, begun=96)  # 20 ms ago
+    waiting = replace(twin.initial(), start_tick=None, tick=100)
+    late = replace(waiting, start_tick=98)  # 10 ms ago
+    started = replace(waiting, start_tick=96)  # 20 ms ago
     alone = light.step_pressures(waiting, PRESSURE).arm.q
-    for state, changes in ((waiting, False), (late, False), (begun, True)):
+    for state, changes in ((waiting, False), (late, False), (started, True)):
         assert np.any(twin.step_pressures(state, PRESSURE).arm.q != alone) == changes
 
 

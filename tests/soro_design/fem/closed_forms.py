@@ -11,7 +11,7 @@ from soro_design.fem.meshes.blocks import block, mapped, sphere, tube
 from soro_design.fem.part import make_part
 from soro_design.fem.solve.linear import factorised
 from soro_design.fem.solve.newton import solve
-from soro_design.fem.solve.states import Settings
+from soro_design.fem.solve.states import SolverSettings
 
 # Inner radius, pressure over mu, and what the bulk modulus adds to the radius.
 THICK = {"cylinder": (1.5, 0.428228, 2.6e-5), "sphere": (1.4, 0.698421, None)}
@@ -104,7 +104,7 @@ def elastica():
     mesh, end, loads = cantilever(length, height, 40)
     force = 10.0 * height**3 / 12.0 / length**2
     part = make_part(mesh, BEAM, loads.pull(traction(mesh, end, [0.0, force / height])))
-    done = solve(part, [load / 10 for load in ELASTICA], Settings(first_step=0.05, iterations=25))
+    done = solve(part, [load / 10 for load in ELASTICA], SolverSettings(first_step=0.05, iterations=25))
     assert done.status == "solved", done.cause
     tip = np.argmax(mesh.points[:, 0] - np.abs(mesh.points[:, 1] - height / 2))
     return part, tip, np.array([state.u[tip, 1] for state in done.states]) / length

@@ -12,7 +12,7 @@ from soro_design.fem.solve.arc import follow
 from soro_design.fem.solve.dynamics import march
 from soro_design.fem.solve.mass import modes
 from soro_design.fem.solve.newton import solve
-from soro_design.fem.solve.states import Settings
+from soro_design.fem.solve.states import SolverSettings
 
 E, DENSITY = 1e6, 1000.0
 BEAM = material_from_dict(
@@ -91,7 +91,7 @@ def snapped():
     limits = shallow(np.linspace(RISE, -RISE, 4001))
     peak = limits[: np.argmax(np.diff(limits) < 0) + 1][-1]
     part = make_part(mesh, BEAM, loads.pull((2.5 * peak - 1.0) * loads.force))
-    done = follow(part, settings=Settings(first_step=0.05))
+    done = follow(part, settings=SolverSettings(first_step=0.05))
     assert done.status == "solved", done.cause
     rise = np.array([RISE + state.u[crown, 1].mean() for state in done.states])
     return part, done, rise, 2.5 * peak * np.array([state.load for state in done.states]), peak

@@ -7,7 +7,7 @@ from soro_design.fem.loads import no_loads
 from soro_design.fem.meshes.blocks import revolved_tube, tube
 from soro_design.fem.part import make_part
 from soro_design.fem.solve.newton import solve
-from soro_design.fem.solve.states import Settings
+from soro_design.fem.solve.states import SolverSettings
 from tests.soro_design.fem.closed_forms import (
     ELASTICA,
     THICK,
@@ -72,7 +72,7 @@ def test_elastica(figure):
     figure(f"elastica: off by {off:.1e} of the length")
     assert off < 5e-4
     # Full steps reach the last load at once; a search along them would not let the part get longer first.
-    whole = solve(part, settings=Settings(first_step=1.0, iterations=25))
+    whole = solve(part, settings=SolverSettings(first_step=1.0, iterations=25))
     assert (whole.status, whole.steps) == ("solved", 1)
     assert whole.last.u[tip, 1] == pytest.approx(found[-1], abs=1e-6)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from soro_design.fem import State
+from soro_design.fem import EquilibriumState
 from soro_design.fem.meshes.mesh_files import read_mesh
 from soro_design.fem.meshes.stl import read_stl
 from soro_design.fem.meshes.surface import volume
@@ -29,7 +29,7 @@ def _with_meshes(tmp_path):
     meshes(tmp_path)
 
 
-def last(tmp_path, part, **changes) -> tuple[object, State]:
+def last(tmp_path, part, **changes) -> tuple[object, EquilibriumState]:
     """The specimen and the end of its first sweep."""
     file = load_part(written(tmp_path, part, **changes))
     specimen = make_specimen(file)

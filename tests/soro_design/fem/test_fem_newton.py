@@ -9,7 +9,7 @@ from soro_design.fem.loads import no_loads, traction
 from soro_design.fem.meshes.blocks import block, revolved_tube
 from soro_design.fem.part import make_part
 from soro_design.fem.solve.newton import solve
-from soro_design.fem.solve.states import Settings
+from soro_design.fem.solve.states import SolverSettings
 from tests.refused import fails
 
 pytestmark = pytest.mark.numerics
@@ -48,14 +48,15 @@ def test_a_stretched_cube_has_the_stress_of_its_material():
 def test_convergence_is_quadratic():
     """Six digits to twelve takes one iteration more."""
     few, many = (
-        solve(cube(0.3), settings=Settings(first_step=1.0, tolerance=one)).iterations for one in (1e-6, 1e-11)
+        solve(cube(0.3), settings=SolverSettings(first_step=1.0, tolerance=one)).iterations
+        for one in (1e-6, 1e-11)
     )
     assert many - few <= 1
 
 
 def test_a_long_step_is_cut_and_the_end_is_the_same():
-    whole = solve(cube(2.0), settings=Settings(first_step=1.0, iterations=4))
-    small = solve(cube(2.0), settings=Settings(first_step=0.05))
+    whole = solve(cube(2.0), settings=SolverSettings(first_step=1.0, iterations=4))
+    small = solve(cube(2.0), settings=SolverSettings(first_step=0.05))
     assert whole.status == small.status == "solved"
     assert whole.steps > 1
     np.testing.assert_allclose(whole.last.u, small.last.u, atol=1e-7)
@@ -68,7 +69,7 @@ def test_the_last_state_is_kept_where_no_equilibrium_follows():
     inside = mesh.faces_at(mesh.points[:, 0] == 1.0)
     seen = []
     part = make_part(mesh, SOFT, loads.press(inside, 2e4))
-    done = solve(part, [0.1, 1.0], Settings(least_step=1e-2), progress=seen.append)
+    done = solve(part, [0.1, 1.0], SolverSettings(least_step=1e-2), progress=seen.append)
     assert done.status == "stopped"
     assert "load factor" in done.cause
     assert "\n" not in done.cause
@@ -111,7 +112,7 @@ def pulled(stress):
 
 def test_a_step_that_overshoots_is_searched_along():
     """A pull to nine times the length in one load step, which full Newton steps do not reach."""
-    done = solve(pulled(1.5e5), settings=Settings(first_step=1.0, iterations=25))
+    done = solve(pulled(1.5e5), settings=SolverSettings(first_step=1.0, iterations=25))
     assert (done.status, done.steps) == ("solved", 1)
     assert done.last.u[:, 2].max() > 8.0
 
@@ -170,4 +171,4 @@ def test_loads_must_rise(loads):
 )
 def test_settings_that_are_refused(key, value):
     with fails(ModelError, key=key):
-        Settings(**{key: value})
+        SolverSettings(**{key: value})

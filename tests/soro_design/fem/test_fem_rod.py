@@ -6,7 +6,7 @@ from scipy.linalg import expm
 
 from soro_core.errors import ModelError
 from soro_core.rotation import rotation_exp, skew
-from soro_design.fem import Settings, solve
+from soro_design.fem import SolverSettings, solve
 from soro_design.fem.backbone import section_poses, section_strains
 from soro_design.fem.elements.fibres import fibres
 from soro_design.fem.elements.material import material_from_dict
@@ -96,7 +96,7 @@ def test_a_chamber_bends_the_rod_away_from_it():
     for stiffness in (0.0, 20.0):
         hoops = fibres(ROD.hoops, stiffness * ROD.hoop_spacing_m / 3e-3)
         loads = held.reinforce(hoops).press(ROD.chambers[0], 15e3)
-        done = solve(make_part(ROD.mesh, SOFT, loads), (0.5, 1.0), Settings(first_step=0.5))
+        done = solve(make_part(ROD.mesh, SOFT, loads), (0.5, 1.0), SolverSettings(first_step=0.5))
         assert done.status == "solved"
         pose = section_poses(ROD.mesh.points, done.last.u, ROD.sections, ROD.share)[-1]
         assert pose[0, 3] < -1e-3

@@ -8,7 +8,7 @@ import pytest
 from soro_design.fem import extruded, revolved
 from soro_design.fem.elements.solid import tables
 from soro_design.fem.meshes.surface import is_closed, volume
-from soro_design.topology.check import Shape, reanalyse
+from soro_design.topology.check import FinalPart, reanalyse
 from soro_design.topology.domain import make_domain
 from soro_design.topology.flood import flood, thinnest_wall, wet_faces
 from soro_design.topology.section import mirrored
@@ -114,7 +114,7 @@ def test_the_part_on_its_own_mesh_is_a_thick_tube():
     cut = snapped(domain.grid, np.minimum(r - 5e-3, 8e-3 - r))
     mesh, air = solid_mesh(domain, cut), flood(domain, cut)
     faces = wet_faces(domain, cut, air, mesh)
-    found = reanalyse(domain, Shape(cut, mesh, air, *faces, 0.0, np.zeros(2)))
+    found = reanalyse(domain, FinalPart(cut, mesh, air, *faces, 0.0, np.zeros(2)))
     mu, nu, p, a, b = 72e3, 0.45, 1e2, 5e-3, 8e-3
     # Mean over the edge a < x < b of u = p a^2 / (2 mu (b^2 - a^2)) ((1 - 2 nu) r + b^2 / r).
     mean = (0.5 * (1 - 2 * nu) * (b**2 - a**2) + b**2 * np.log(b / a)) / (b - a)

@@ -11,7 +11,7 @@ from soro_core.integrate.stepper import make_stepper
 from soro_core.rotation import rotation_log
 from soro_core.twin.config import TwinSection
 from soro_lab.analysis.gramian import gramian, windows
-from soro_lab.analysis.sensors import KINDS, Candidate, SensorNoise, kinds_of, noise_of
+from soro_lab.analysis.sensors import KINDS, SensorCandidate, SensorNoise, kinds_of, noise_of
 
 DT, TICKS = 5e-3, 10
 
@@ -22,7 +22,7 @@ def noise(**keys):
 
 def candidate(name, s, **keys):
     (kind,) = kinds_of((name,), noise(**keys), TwinSection())
-    return Candidate(kind, s)
+    return SensorCandidate(kind, s)
 
 
 @pytest.fixture(scope="module")

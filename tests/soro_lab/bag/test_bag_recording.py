@@ -17,13 +17,13 @@ from soro_core.errors import BagError
 from soro_lab.bag import BackgroundWriter, BagReader, BagWriter, repair
 from tests.refused import fails
 
-# Writes the time into the bag every 2 ms, and says when it has begun.
+# Writes the time into the bag every 2 ms, and says when it has started.
 RECORDER = """
 import sys, time
 from soro_lab.bag import BackgroundWriter, BagWriter, Topic
 recorder = BackgroundWriter(BagWriter(sys.argv[1]))
 recorder.add_topic(Topic("/time", "std_msgs/msg/UInt64"))
-print("begun", flush=True)
+print("started", flush=True)
 while True:
     recorder.write("/time", bytes(12), time.time_ns())
     time.sleep(0.002)
@@ -72,7 +72,7 @@ def test_a_killed_recorder_loses_less_than_a_second(tmp_path):
         [sys.executable, "-c", RECORDER, str(tmp_path / "run")], stdout=subprocess.PIPE, text=True
     )
     try:
-        assert process.stdout.readline() == "begun\n"
+        assert process.stdout.readline() == "started\n"
         time.sleep(1.3)
         killed_ns = time.time_ns()
     finally:

@@ -9,7 +9,7 @@ S = 10**9
 
 def test_the_position_follows_the_rate():
     line = Timeline(10 * S, 100 * S, rate=2.0)
-    assert line.at(99 * S) == 10 * S  # not begun
+    assert line.at(99 * S) == 10 * S  # not started
     assert line.at(103 * S) == 16 * S
     assert line.wait_s(16 * S, 102 * S) == pytest.approx(1.0)
     assert line.wait_s(12 * S, 102 * S) == 0.0  # late

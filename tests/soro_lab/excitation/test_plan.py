@@ -9,7 +9,7 @@ from soro_core.config import with_changes
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import load_robot
 from soro_core.safety import Limits
-from soro_lab.excitation import ExciteConfig, MotionConfig
+from soro_lab.excitation import ExciteConfig, MotionLimits
 from soro_lab.excitation.config import STAGES
 from soro_lab.excitation.plan import make_plan
 from soro_lab.excitation.supply import supply_of
@@ -194,7 +194,7 @@ def test_a_robot_that_cannot_be_empty_is_refused():
 @pytest.mark.parametrize("box", [(0.0,), (1.0, 2.0), (0.0, 0.0, 0.0, 1.0, -1.0, 1.0)])
 def test_a_box_that_is_none_is_refused(box):
     with refused("box_m"):
-        MotionConfig(box_m=box)
+        MotionLimits(box_m=box)
 
 
 def test_a_release_comes_last():

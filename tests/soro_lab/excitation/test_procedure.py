@@ -10,14 +10,14 @@ from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.model import SoftArm
 from soro_core.robot import load_robot
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
-from soro_lab.excitation import MotionConfig, foresight
+from soro_lab.excitation import MotionLimits, foresight
 from soro_lab.excitation.foresight import Warned, foresee
 from soro_lab.excitation.motion import MotionCriteria
 from soro_lab.excitation.procedure import (
     PATIENCE,
     VENT_S,
     Excitation,
-    Tick,
+    ExcitationTick,
     advance,
     initial_state,
     left_s,
@@ -31,7 +31,7 @@ UPRIGHT = np.array([0.0, 0.0, 0.0, 1.0])
 
 def excitation(motion=None, warned=None, **keys):
     keys = {"stages": ("singles",), "levels": 1, **keys}
-    motion = motion or MotionConfig()
+    motion = motion or MotionLimits()
     plan = made(**keys)[1]
     return Excitation(plan, MotionCriteria(motion, LENGTH, True), warned, "pose0")
 
@@ -51,7 +51,9 @@ def run(given, sample_at, name="pose0", limit_s=200.0, every=2, answers=()):
         t = k * DT
         sample = sample_at(t, state.setpoint_pa) if k % every == 0 else None
         samples = {} if sample is None else {name: (sample,)}
-        state = advance(given, state, Tick(t, samples, answered=any(abs(t - a) < 1e-9 for a in answers)))
+        state = advance(
+            given, state, ExcitationTick(t, samples, answered=any(abs(t - a) < 1e-9 for a in answers))
+        )
         states.append((t, state))
         if state.phase == "over":
             return states
@@ -151,13 +153,13 @@ def test_a_single_swapped_marker_is_no_stop():
     ],
 )
 def test_the_box_is_the_stated_one(box, stops):
-    given = excitation(MotionConfig(box_m=box))
+    given = excitation(MotionLimits(box_m=box))
     states = run(given, lambda t, p: pose(t, (0.03 if t > 2.0 else 0.0, 0.0, LENGTH)))
     assert bool(states[-1][1].reason) is stops
 
 
 def test_an_arm_that_rests_outside_its_box_gets_no_pressure():
-    given = excitation(MotionConfig(box_m=(0.1, 0.1, 0.1, 0.2, 0.2, 0.2)))
+    given = excitation(MotionLimits(box_m=(0.1, 0.1, 0.1, 0.2, 0.2, 0.2)))
     _, state, states = stop_of(given, still)
     assert not any(state.setpoint_pa.any() for _, state in states)
     assert state.index == 0
@@ -172,7 +174,7 @@ def test_a_sensor_that_turns_too_far_vents(degrees):
 
 @pytest.mark.parametrize("with_orientation", [True, False])
 def test_an_imu_alone_limits_the_bend_and_shows_stillness(with_orientation):
-    given = replace(excitation(), motion=MotionCriteria(MotionConfig(), LENGTH, False), outermost="imu0")
+    given = replace(excitation(), motion=MotionCriteria(MotionLimits(), LENGTH, False), outermost="imu0")
 
     def sample(angle):
         turn = rotation_exp(np.array([angle, 0.0, 0.0]))
@@ -210,7 +212,7 @@ def test_without_a_sample_there_is_no_pressure():
     assert not any(state.setpoint_pa.any() for _, state in states)
 
 
-def test_the_section_that_the_model_warns_of_is_not_begun():
+def test_the_section_that_the_model_warns_of_is_not_started():
     given = excitation(levels=2, warned=Warned(3, "no balance"))
     _, state, states = stop_of(given, still)
     assert state.reason == "no balance"

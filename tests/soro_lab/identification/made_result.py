@@ -9,7 +9,7 @@ from made_arm import record
 from soro_core import load_robot
 from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.case import Whole
-from soro_lab.identification.arm.choose import Choice, Trial
+from soro_lab.identification.arm.choose import LawChoice, Trial
 from soro_lab.identification.arm.frames import frame_numbers
 from soro_lab.identification.arm.judge import errors, ranges, share_of_range, squares
 from soro_lab.identification.arm.laws import LAWS, free_parameters, plain
@@ -17,7 +17,7 @@ from soro_lab.identification.arm.search.prepare import first_errors
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import evaluated
 from soro_lab.identification.arm.search.uncertainty import certainty
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.stages import ArmIdentification
 from soro_lab.identification.recording import Recording
 
 END_S = 6.0  # the levels of one chamber
@@ -36,7 +36,7 @@ def runs(damaged: bool) -> list[Recording]:
     return [run.window(0.0, END_S) for run in found]
 
 
-def made(damaged: bool = True, **changes: Any) -> Identified:
+def made(damaged: bool = True, **changes: Any) -> ArmIdentification:
     """Return the result; one section of each run is held out."""
     robot = plain(load_robot("tue_three_bellow"))
     recordings = runs(damaged)
@@ -50,17 +50,17 @@ def made(damaged: bool = True, **changes: Any) -> Identified:
     problem = Problem(robot, whole, (*free_parameters(robot, (), "eb")[0], *frames), expected)
     solution = evaluated(problem, {})
     seen, unseen = replace(problem, cases=fit), replace(problem, cases=held)
-    judged = errors(held, unseen.predicted(solution.values), expected)
-    own = squares(held, unseen.predicted(solution.values), moved)
+    judged = errors(held, unseen.prediction_errors(solution.values), expected)
+    own = squares(held, unseen.prediction_errors(solution.values), moved)
     chosen = Trial((), own, solution.values)
     other = Trial(LAWS[1:2], tuple(0.99 * each for each in own), solution.values)
-    result = Identified(
+    result = ArmIdentification(
         robot,
         problem,
         solution,
         certainty(problem, solution),
-        Choice(chosen, (chosen, other)),
-        errors(fit, seen.predicted(solution.values), expected),
+        LawChoice(chosen, (chosen, other)),
+        errors(fit, seen.prediction_errors(solution.values), expected),
         judged,
         share_of_range(judged, moved),
         {"link0/gain": ("+link0/gain +link0/k_e", "+link0/gain")},

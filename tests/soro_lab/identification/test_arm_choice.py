@@ -8,16 +8,16 @@ import numpy as np
 
 from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.arm.choose import Trial, choose
-from soro_lab.identification.arm.laws import LAWS, Law
-from soro_lab.identification.arm.search.solve import Solution
+from soro_lab.identification.arm.laws import LAWS, LawTerm
+from soro_lab.identification.arm.search.solve import FitSolution
 from soro_lab.identification.arm.search.uncertainty import certainty
-from soro_lab.identification.arm.stages import Options
+from soro_lab.identification.arm.stages import IdentificationOptions
 
 SLOPE, CREEP = (law for law in LAWS if law.name in ("area slope", "creep"))
 
 
 def _fit(errors: Mapping[frozenset[str], tuple[float, ...]]):
-    def fit(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
+    def fit(laws: tuple[LawTerm, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
         squares = errors.get(frozenset(law.name for law in laws))
         return None if squares is None else Trial(laws, squares, {})
 
@@ -68,7 +68,7 @@ def test_a_law_that_takes_little_away_is_not_added() -> None:
 def test_ctrl_c_ends_the_choice_with_the_best_until_there() -> None:
     calls: list[str] = []
 
-    def fit(laws: tuple[Law, ...], start: Mapping[str, float], in_full: bool) -> Trial:
+    def fit(laws: tuple[LawTerm, ...], start: Mapping[str, float], in_full: bool) -> Trial:
         calls.append("+".join(law.name for law in laws))
         size = 9.0 if not laws else 4.0
         return Trial(laws, (size, size), {}, interrupted=len(calls) == 3)
@@ -105,14 +105,14 @@ class _Straight:
         return np.full(len(self.numbers), -1e3), np.full(len(self.numbers), 1e3)
 
 
-def _straight(rows: np.ndarray, design: np.ndarray, t: np.ndarray) -> tuple[Any, Solution]:
+def _straight(rows: np.ndarray, design: np.ndarray, t: np.ndarray) -> tuple[Any, FitSolution]:
     numbers = tuple(
         ArmParameter(f"link0/n{k}", 0.0, "", "shift", 1.0, -1e3, 1e3) for k in range(design.shape[1])
     )
     x, *_ = np.linalg.lstsq(design, rows, rcond=None)
     left = design @ x - rows
     case = _Case("line", (_Shape("y", t),))
-    solution = Solution(
+    solution = FitSolution(
         {n.name: float(v) for n, v in zip(numbers, x, strict=True)}, x, left, design, 0.0, True
     )
     return _Straight(numbers, (case,), {"y": np.ones(1)}), solution
@@ -149,4 +149,4 @@ def test_a_combination_that_stays_open_is_named() -> None:
 
 
 def test_default_options_try_all_laws() -> None:
-    assert Options().laws == LAWS
+    assert IdentificationOptions().laws == LAWS

@@ -12,7 +12,7 @@ from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.parameters import with_numbers
 from soro_lab.identification.arm.laws import LAWS, plain
 from soro_lab.identification.arm.report.found import frames_of
-from soro_lab.identification.arm.stages import Identified, Options, identify
+from soro_lab.identification.arm.stages import ArmIdentification, IdentificationOptions, identify
 from soro_lab.identification.recording import Imu, Recording
 
 TRUTH = {
@@ -41,14 +41,14 @@ def guess() -> Robot:
 
 
 @pytest.fixture(scope="module")
-def found(guess: Robot) -> Identified:
+def found(guess: Robot) -> ArmIdentification:
     laws = tuple(law for law in LAWS if law.name in ("area slope", "creep"))
-    options = Options(dt_s=0.005, rate_hz=20.0, laws=laws, is_constant=True, starts=1)
+    options = IdentificationOptions(dt_s=0.005, rate_hz=20.0, laws=laws, is_constant=True, starts=1)
     return identify(guess, [by_imu(record(with_numbers(guess, TRUTH)))], options)
 
 
 @pytest.mark.slow
-def test_what_bends_is_found(found: Identified) -> None:
+def test_what_bends_is_found(found: ArmIdentification) -> None:
     assert found.choice is not None
     assert found.choice.chosen.laws == ()
     sure = 0
@@ -63,7 +63,7 @@ def test_what_bends_is_found(found: Identified) -> None:
     assert "link0/k_e" not in found.solution.values
 
 
-def test_the_world_of_the_imu_and_its_mount_are_found(found: Identified) -> None:
+def test_the_world_of_the_imu_and_its_mount_are_found(found: ArmIdentification) -> None:
     frames = frames_of(found)
     for entry, truth in ((frames["worlds"], TRACKER), (frames["bodies"], MOUNT)):
         (own,) = entry

@@ -11,13 +11,13 @@ from made_result import END_S, HELD_S, made
 
 from soro_lab.identification.arm.cases.physical import Unphysical
 from soro_lab.identification.arm.profiles import least_certain, profiles
-from soro_lab.identification.arm.report import Result, write_report
+from soro_lab.identification.arm.report import ReportContent, write_report
 from soro_lab.identification.arm.report.content import content_of
 from soro_lab.identification.arm.report.repeats import repeats
-from soro_lab.identification.arm.report.traces import Trace, traces
+from soro_lab.identification.arm.report.traces import ShapeTrace, traces
 from soro_lab.identification.arm.robot_yaml import number_table
-from soro_lab.identification.arm.search.uncertainty import Certainty
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.search.uncertainty import Uncertainty
+from soro_lab.identification.arm.stages import ArmIdentification
 from soro_lab.identification.recording import Place, Plate, Recording, Series
 
 VOID = {"meta", "img", "br"}
@@ -58,15 +58,15 @@ class Page(HTMLParser):
 
 
 @pytest.fixture(scope="module")
-def found() -> Identified:
+def found() -> ArmIdentification:
     return made()
 
 
 @pytest.fixture(scope="module")
-def folder(found: Identified, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def folder(found: ArmIdentification, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("report") / "new"
     own, _ = profiles(found, ())
-    write_report(Result(found, 0.1, own, (), "arm.yaml"), path)
+    write_report(ReportContent(found, 0.1, own, (), "arm.yaml"), path)
     return path
 
 
@@ -99,7 +99,7 @@ def test_every_picture_of_the_page_is_a_file(page: Page, folder: Path) -> None:
     assert all(file.read_bytes().startswith(starts[file.suffix]) for file in files)
 
 
-def test_every_run_has_a_heading_and_a_picture(page: Page, found: Identified) -> None:
+def test_every_run_has_a_heading_and_a_picture(page: Page, found: ArmIdentification) -> None:
     names = [case.name for case in found.problem.cases]
     assert all(f"{name}, tip" in page.text for name in names)
     assert sum(address.startswith("data:image/png") for address in page.addresses) == len(names)
@@ -115,7 +115,7 @@ def test_numbers_of_the_page_are_those_of_the_file(page: Page, content: dict) ->
         assert float(text) == pytest.approx(factor * value, rel=6e-2, abs=1e-12), path
 
 
-def test_numbers_of_the_file_are_those_of_the_result(content: dict, found: Identified) -> None:
+def test_numbers_of_the_file_are_those_of_the_result(content: dict, found: ArmIdentification) -> None:
     assert {n["name"]: n["value"] for n in content["numbers"]} == found.solution.values
     assert {n["name"]: n["deviation"] for n in content["numbers"]} == found.certainty.deviations
     assert content["verdict"]["held_out_share"] == found.held_out_share
@@ -146,8 +146,8 @@ def test_a_run_that_the_soft_loss_wrote_off_is_shown(content: dict, page: Page) 
     assert any("run <3>" in line for line in content["verdict"]["next"])
 
 
-def _content(found: Identified, accept: float = 0.1, odd: tuple[Unphysical, ...] = ()) -> dict:
-    return content_of(Result(found, accept, (), odd, "arm.yaml"), traces(found))
+def _content(found: ArmIdentification, accept: float = 0.1, odd: tuple[Unphysical, ...] = ()) -> dict:
+    return content_of(ReportContent(found, accept, (), odd, "arm.yaml"), traces(found))
 
 
 def test_without_a_damaged_run_none_is_written_off() -> None:
@@ -156,7 +156,7 @@ def test_without_a_damaged_run_none_is_written_off() -> None:
     assert content["verdict"]["accepted"]
 
 
-def test_what_no_arm_has_is_not_accepted(found: Identified) -> None:
+def test_what_no_arm_has_is_not_accepted(found: ArmIdentification) -> None:
     odd = (Unphysical("link0/k_b", -1.0, "N m/rad", "above 0", ("link0/k_b",)),)
     assert _content(found, 10.0)["verdict"]["accepted"]
     content = _content(found, 10.0, odd)
@@ -164,15 +164,15 @@ def test_what_no_arm_has_is_not_accepted(found: Identified) -> None:
     assert [n["marks"] for n in content["numbers"] if n["name"] == "link0/k_b"] == [["unphysical"]]
 
 
-def test_without_held_out_sections_nothing_is_accepted(found: Identified) -> None:
+def test_without_held_out_sections_nothing_is_accepted(found: ArmIdentification) -> None:
     none = replace(found, held_out=(), held_out_share=float("nan"), choice=None, held_cases=())
     verdict = _content(none, 10.0)["verdict"]
     assert (verdict["accepted"], verdict["held_out_share"]) == (False, None)
 
 
-def test_a_number_at_its_bound_has_no_deviation(found: Identified) -> None:
+def test_a_number_at_its_bound_has_no_deviation(found: ArmIdentification) -> None:
     sure = found.certainty
-    bound = Certainty(sure.deviations, sure.correlation, sure.undetermined, ("link0/k_b",))
+    bound = Uncertainty(sure.deviations, sure.correlation, sure.undetermined, ("link0/k_b",))
     at_bound = replace(found, certainty=bound)
     own = next(n for n in _content(at_bound)["numbers"] if n["name"] == "link0/k_b")
     assert (own["deviation"], own["marks"]) == (None, ["at its bound"])
@@ -182,7 +182,7 @@ def test_a_number_at_its_bound_has_no_deviation(found: Identified) -> None:
     assert "link0/k_b" not in least_certain(at_bound)
 
 
-def test_a_prediction_without_difference_is_what_was_measured(found: Identified) -> None:
+def test_a_prediction_without_difference_is_what_was_measured(found: ArmIdentification) -> None:
     one = traces(found)[0]
     np.testing.assert_array_equal(one.held_out, (one.stream.t >= HELD_S[0]) & (one.stream.t <= HELD_S[1]))
     place, turn = one.panels
@@ -193,7 +193,7 @@ def test_a_prediction_without_difference_is_what_was_measured(found: Identified)
     np.testing.assert_allclose(apart[:20], left[:20], rtol=0.1, atol=0.02)
 
 
-def test_simulated_profiles_are_near_the_linear_ones(found: Identified) -> None:
+def test_simulated_profiles_are_near_the_linear_ones(found: ArmIdentification) -> None:
     names = least_certain(found, 1)
     done: list[float] = []
     own, interrupted = profiles(found, names, lambda stage, share: done.append(share))
@@ -206,7 +206,7 @@ def test_simulated_profiles_are_near_the_linear_ones(found: Identified) -> None:
             np.testing.assert_allclose(*rises, rtol=0.5, atol=0.3)
 
 
-def _repeated(spread: float, late_s: float = 0.0) -> Trace:
+def _repeated(spread: float, late_s: float = 0.0) -> ShapeTrace:
     """One sequence of pressures twice; the shape of the second time is noisy, or late."""
     t = np.arange(0.0, 24.0, 0.05)
     once = np.sin(2 * np.pi * t / 12.0) + 0.5 * np.sin(2 * np.pi * t / 5.0) * (t < 12.0)
@@ -219,7 +219,7 @@ def _repeated(spread: float, late_s: float = 0.0) -> Trace:
     recording = Recording("one", ("c",), Series("pressure", t, 1e4 * wave[:, None]), plates=(plate,))
     missed = np.column_stack([np.full(len(t), 2e-3), np.zeros((len(t), 5))])
     none = np.zeros(len(t), bool)
-    return Trace("one", "tip", recording, plate, missed, np.ones(6), np.ones(len(t)), none, (), ())
+    return ShapeTrace("one", "tip", recording, plate, missed, np.ones(6), np.ones(len(t)), none, (), ())
 
 
 def test_repeats_show_the_floor_of_the_error() -> None:

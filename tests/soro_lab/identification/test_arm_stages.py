@@ -13,7 +13,7 @@ from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers
 from soro_lab.identification.arm.laws import LAWS, plain
 from soro_lab.identification.arm.robot_yaml import number_table, robot_text
-from soro_lab.identification.arm.stages import Identified, Options, identify
+from soro_lab.identification.arm.stages import ArmIdentification, IdentificationOptions, identify
 
 TRUTH = {
     "link0/k_e": 420.0,
@@ -34,19 +34,21 @@ def guess() -> Robot:
 
 
 @pytest.fixture(scope="module")
-def found(guess: Robot) -> Identified:
+def found(guess: Robot) -> ArmIdentification:
     laws = tuple(law for law in LAWS if law.name in ("area slope", "creep"))
-    options = Options(dt_s=0.005, rate_hz=20.0, laws=laws, is_constant=True, starts=1)  # as the made arm
+    options = IdentificationOptions(
+        dt_s=0.005, rate_hz=20.0, laws=laws, is_constant=True, starts=1
+    )  # as the made arm
     return identify(guess, [record(with_numbers(guess, TRUTH))], options)
 
 
 @pytest.mark.slow
-def test_the_law_of_the_arm_is_chosen(found: Identified) -> None:
+def test_the_law_of_the_arm_is_chosen(found: ArmIdentification) -> None:
     assert found.choice is not None
     assert [law.name for law in found.choice.chosen.laws] == ["area slope"]
 
 
-def test_every_number_is_within_its_error_bar_or_three_per_cent(found: Identified) -> None:
+def test_every_number_is_within_its_error_bar_or_three_per_cent(found: ArmIdentification) -> None:
     assert set(TRUTH) <= set(found.solution.values) | set(found.kept)
     for name, truth in TRUTH.items():
         if name in found.kept:
@@ -58,7 +60,7 @@ def test_every_number_is_within_its_error_bar_or_three_per_cent(found: Identifie
     assert len(sure) >= 6
 
 
-def test_the_frame_of_the_tracker_is_found(found: Identified) -> None:
+def test_the_frame_of_the_tracker_is_found(found: ArmIdentification) -> None:
     turn = Rotation.from_rotvec([found.solution.values[f"frame/tracker/turn_{x}"] for x in "xyz"])
     assert (turn.inv() * Rotation.from_rotvec([0.3, -0.2, 1.1])).magnitude() < 0.01
     offset = [found.solution.values[f"frame/tracker/offset_{x}"] for x in "xyz"]
@@ -66,13 +68,13 @@ def test_the_frame_of_the_tracker_is_found(found: Identified) -> None:
 
 
 @pytest.mark.slow
-def test_what_was_held_out_is_predicted(found: Identified) -> None:
+def test_what_was_held_out_is_predicted(found: ArmIdentification) -> None:
     assert found.held_out
     assert found.held_out_share < 0.03
 
 
 def test_the_file_loads_and_says_where_each_number_comes_from(
-    found: Identified, guess: Robot, tmp_path
+    found: ArmIdentification, guess: Robot, tmp_path
 ) -> None:
     path = tmp_path / "arm.yaml"
     path.write_text(robot_text(found, ["made"]), encoding="utf-8")
@@ -116,7 +118,7 @@ def test_no_fit_sees_a_run_that_is_held_out_by_name(guess: Robot) -> None:
     made = record(with_numbers(guess, TRUTH), hold_s=0.6)
     kept = replace(made, name="kept")
     stronger = replace(kept, pressure=replace(kept.pressure, values=1.5 * kept.pressure.values))
-    options = Options(
+    options = IdentificationOptions(
         dt_s=0.01, rate_hz=10.0, laws=(), most=3, is_constant=True, starts=1, hold_out=("kept",)
     )
     one, other = (identify(guess, [made, each], options) for each in (kept, stronger))

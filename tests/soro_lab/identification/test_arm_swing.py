@@ -25,10 +25,10 @@ def test_a_stiffness_that_is_half_is_doubled_and_the_gain_with_it() -> None:
     moved = ranges([*runs, *held])
     expected = {s.name: first_errors(s, moved[s.name]) for case in runs for s in case.shapes}
     problem = Problem(described, tuple(runs), numbers, expected)
-    begun = swinging(problem, {"link0/damping_b": 0.7 * numbers_of(described)["link0/damping_b"].value})
+    started = swinging(problem, {"link0/damping_b": 0.7 * numbers_of(described)["link0/damping_b"].value})
     middle = {n.name: n.value for n in numbers}
     for name in names:
-        assert abs(np.log(begun[name] / (2.0 * middle[name]))) < 0.13
-    assert problem.cost(begun) < 0.5 * problem.cost(middle)
+        assert abs(np.log(started[name] / (2.0 * middle[name]))) < 0.13
+    assert problem.cost(started) < 0.5 * problem.cost(middle)
     # A candidate that no arm has is no start.
-    assert problem.cost({**begun, "link0/k_b": -1.0}) == np.inf
+    assert problem.cost({**started, "link0/k_b": -1.0}) == np.inf

@@ -13,7 +13,7 @@ from soro_core.robot import Robot, robot_from_dict
 from soro_lab.identification.arm.cases.case import Whole
 from soro_lab.identification.arm.cases.parameters import with_numbers
 from soro_lab.identification.arm.cases.predict import predict_measurement
-from soro_lab.identification.arm.stages import Options, identify
+from soro_lab.identification.arm.stages import IdentificationOptions, identify
 from soro_lab.identification.recording import Bend, Columns, Recording, Series, read_csv, summary
 from tests.refused import fails
 
@@ -83,7 +83,9 @@ def test_a_planar_limb_is_found_whichever_way_it_bends(tmp_path, way, chambers_d
     recording = read_csv(file, columns(**keys), guess)
     assert f"towards {way[-1]}" in summary(recording)
     assert recording.notes == ()
-    found = identify(guess, [recording], Options(dt_s=0.01, rate_hz=20.0, laws=(), keep=("link0/gain",)))
+    found = identify(
+        guess, [recording], IdentificationOptions(dt_s=0.01, rate_hz=20.0, laws=(), keep=("link0/gain",))
+    )
     for name, value in TRUTH.items():
         assert name not in found.kept
         assert found.solution.values[name] == pytest.approx(value, rel=0.03), name
@@ -148,6 +150,6 @@ def test_a_stream_that_no_pressure_moves_is_named():
     both = limb("bending_x", "bending_y")
     recording = made(both, 0.0)
     blind = Bend("angle", recording.bends[0].t, 0, recording.bends[0].angle, 0.5 * np.pi)
-    options = Options(dt_s=0.02, rate_hz=5.0, laws=(), most=1)
+    options = IdentificationOptions(dt_s=0.02, rate_hz=5.0, laws=(), most=1)
     with fails(ConfigError, "no number of the robot", where="recordings", key="angle"):
         identify(both, [Recording("made", recording.chambers, recording.pressure, bends=(blind,))], options)

@@ -5,7 +5,7 @@ import pytest
 
 from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.arm.search.combinations import combinations
-from soro_lab.identification.arm.search.uncertainty import Certainty
+from soro_lab.identification.arm.search.uncertainty import Uncertainty
 
 NAMES = ("link0/k_e", "link0/gain", "link0/arm", "link0/k_b")
 VALUES = {"link0/k_e": 900.0, "link0/gain": 1.2, "link0/arm": 0.8, "link0/k_b": 0.03}
@@ -15,7 +15,7 @@ def certainty(covariance, at_bound=()):
     """Of numbers whose logarithms have this covariance."""
     spread = np.sqrt(np.diag(covariance))
     deviations = dict(zip(NAMES, spread, strict=True))
-    return Certainty(deviations, covariance / np.outer(spread, spread), {}, at_bound)
+    return Uncertainty(deviations, covariance / np.outer(spread, spread), {}, at_bound)
 
 
 def numbers():

@@ -258,7 +258,7 @@ def test_a_table_of_pressures_says_what_is_left_out(tmp_path, caplog):
     rows = [f"{0.1 * k:.1f};{k % 2}000,0;{k % 3}00,0".replace(".", ",") for k in range(30)]
     rows[5], rows[9], rows[12] = rows[5][:3], rows[8], "1,2;nan;0,0"
     path.write_text("rig 3\nt;pd_a;pm_a\ns;Pa;Pa\n" + "\n".join(rows) + "\n")
-    with caplog.at_level(logging.WARNING, "soro_core"):
+    with caplog.at_level(logging.WARNING, "soro_lab"):
         found = read_pressures(path)
     assert len(found.t) == 27
     assert "1 of 30 rows left out; the first is line 9: 1 cells" in caplog.text

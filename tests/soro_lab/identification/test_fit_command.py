@@ -38,7 +38,7 @@ def test_a_recording_gives_a_block_to_paste(tmp_path: Path) -> None:
     assert "8 steps; left out: none" in done.output
     assert "4 of 4" in done.output
     block = done.output.split("# lag for each way, parameters for all lines\n")[1].split("\n# ")[0]
-    regulator = RegulatorModel.model_validate(yaml.safe_load(block)["emulation"]["regulator"])
+    regulator = RegulatorModel.model_validate(yaml.safe_load(block)["regulator"])
     assert regulator.delay_s == pytest.approx(TRUE.delay_s, abs=0.02)
     assert regulator.tau_s == pytest.approx(TRUE.tau_s, rel=0.05)
     assert regulator.vent_tau_s == pytest.approx(TRUE.vent_tau_s, rel=0.05)

@@ -60,7 +60,7 @@ def test_steps_give_regulator_and_valve_with_errors_of_runs_held_out(tmp_path: P
     assert done.exit_code == 0, done.output
     assert "8 steps; left out: none" in done.output
     found = yaml.safe_load(out.read_text(encoding="utf-8"))
-    regulator = RegulatorModel.model_validate(found["emulation"]["regulator"])
+    regulator = RegulatorModel.model_validate(found["regulator"])
     assert regulator.tau_s == pytest.approx(0.2, rel=0.05)
     assert regulator.vent_tau_s == pytest.approx(0.6, rel=0.05)
     assert TwinConfig.model_validate(found["twin"]).regulator == regulator

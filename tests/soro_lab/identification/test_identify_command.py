@@ -16,7 +16,7 @@ from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
 from soro_lab.commands import identify as command
 from soro_lab.identification.arm import stages
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.stages import ArmIdentification
 
 COLUMNS = {
     "time": {"column": "t", "unit": "s"},
@@ -141,11 +141,11 @@ def test_a_robot_that_no_matter_can_be_is_refused(here: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def found() -> Identified:
+def found() -> ArmIdentification:
     return made(damaged=False)
 
 
-def _end(found: Identified, monkeypatch: pytest.MonkeyPatch, *words: str):
+def _end(found: ArmIdentification, monkeypatch: pytest.MonkeyPatch, *words: str):
     """Run the command with a search that finds this."""
     monkeypatch.setattr(stages, "identify", lambda *given: found)
     monkeypatch.setattr(command, "_read", lambda *given: runs(damaged=False))
@@ -153,7 +153,7 @@ def _end(found: Identified, monkeypatch: pytest.MonkeyPatch, *words: str):
 
 
 @pytest.mark.slow
-def test_exit_0_accepted(found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exit_0_accepted(found: ArmIdentification, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     words = ("--accept", "20", "--report", "page", "--profile", "none")
     result = _end(found, monkeypatch, *words)
     assert result.exit_code == 0, result.output
@@ -161,13 +161,15 @@ def test_exit_0_accepted(found: Identified, here: Path, monkeypatch: pytest.Monk
     assert {path.name for path in (here / "page").iterdir()} == {"index.html", "report.json", "pictures"}
 
 
-def test_exit_1_above_the_limit(found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exit_1_above_the_limit(
+    found: ArmIdentification, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert _end(found, monkeypatch, "--accept", "0.001").exit_code == 1
     assert (here / "new.yaml").exists()
 
 
 def test_exit_1_where_nothing_could_be_held_out(
-    found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch
+    found: ArmIdentification, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     none = replace(found, held_out=(), held_out_share=float("nan"), choice=None, held_cases=())
     assert _end(none, monkeypatch, "--accept", "100").exit_code == 1
@@ -175,7 +177,7 @@ def test_exit_1_where_nothing_could_be_held_out(
 
 
 def test_exit_1_where_a_number_is_unphysical(
-    found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch
+    found: ArmIdentification, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     values = found.solution.values | {"link0/k_b": -1.0}
     odd = replace(found, solution=replace(found.solution, values=values))
@@ -188,7 +190,7 @@ def test_exit_1_where_a_number_is_unphysical(
 
 
 @pytest.mark.slow
-def test_exit_130_after_ctrl_c(found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_exit_130_after_ctrl_c(found: ArmIdentification, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ended = replace(found, interrupted=True)
     result = _end(ended, monkeypatch, "--accept", "100", "--report", "page")
     assert result.exit_code == 130
@@ -199,7 +201,7 @@ def test_exit_130_after_ctrl_c(found: Identified, here: Path, monkeypatch: pytes
 
 @pytest.mark.slow
 def test_ctrl_c_during_profiles_keeps_the_file_and_the_report(
-    found: Identified, here: Path, monkeypatch: pytest.MonkeyPatch
+    found: ArmIdentification, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from soro_lab.identification.arm import profiles
 

@@ -23,7 +23,7 @@ def test_ctrl_c_between_searches_keeps_what_is_found(monkeypatch: pytest.MonkeyP
 
     # After the linear law has been fitted, before others are tried.
     monkeypatch.setattr(stages, "residual_errors", interrupted)
-    options = stages.Options(dt_s=0.01, rate_hz=10.0, laws=LAWS[:1], is_constant=True, starts=1)
+    options = stages.IdentificationOptions(dt_s=0.01, rate_hz=10.0, laws=LAWS[:1], is_constant=True, starts=1)
     found = stages.identify(guess, [recording], options)
     assert found.interrupted
     assert found.solution.values["link0/k_b"] == pytest.approx(7.5e-3, rel=0.1)

@@ -7,7 +7,7 @@ import pytest
 
 from soro_core.arrays import Array
 from soro_lab.identification.candidates import slopes
-from soro_lab.identification.search import Search, SearchResult, Settings, secant
+from soro_lab.identification.search import Search, SearchResult, SearchSettings, secant
 
 T = np.linspace(0.0, 2.0, 40)
 TRUE, START = np.array([1.5, 0.7, 0.3]), np.array([1.0, 1.0, 0.0])
@@ -16,11 +16,11 @@ TRUE, START = np.array([1.5, 0.7, 0.3]), np.array([1.0, 1.0, 0.0])
 def _searched(is_secant: bool, most: int) -> tuple[SearchResult, int]:
     """Where the search for an amplitude, a rate and an offset ends, and how many candidates it tried."""
     tried: list[Array] = []
-    settings = Settings(most=most, secant=is_secant, loss="linear")
+    settings = SearchSettings(most=most, secant=is_secant, loss="linear")
     return _search(settings, tried), len(tried)
 
 
-def _search(settings: Settings, tried: list[Array]) -> SearchResult:
+def _search(settings: SearchSettings, tried: list[Array]) -> SearchResult:
     def residuals(x: Array) -> Array:
         tried.append(x.copy())
         return _residuals(x)
@@ -55,7 +55,7 @@ def test_a_few_steps_with_derivatives_of_the_start_cost_one_candidate_each() -> 
 def test_no_candidate_is_tried_twice() -> None:
     """Where a search ends it has taken derivatives already."""
     tried: list[Array] = []
-    found = _search(Settings(loss="linear"), tried)
+    found = _search(SearchSettings(loss="linear"), tried)
     np.testing.assert_allclose(found.x, TRUE, atol=1e-5)
     assert len(tried) == len({x.tobytes() for x in tried})
 
@@ -70,7 +70,7 @@ def test_the_progress_of_a_search_counts_every_derivative(workers: int | None) -
         return np.asarray(matrix @ x - 1.0)
 
     x0, bounds = np.zeros(count), (np.full(count, -1e3), np.full(count, 1e3))
-    Search(residuals, x0, residuals(x0), bounds, Settings(most=1, workers=workers), told.append).run()
+    Search(residuals, x0, residuals(x0), bounds, SearchSettings(most=1, workers=workers), told.append).run()
     assert len(told) >= count
 
 

@@ -131,7 +131,7 @@ def test_each_run_is_judged_by_the_others() -> None:
 
 
 def test_blocks_are_parameters_of_the_models() -> None:
-    regulator = air.block(LAG)["emulation"]["regulator"]
+    regulator = air.block(LAG)["regulator"]
     assert RegulatorModel.model_validate(regulator) == LAG
     flow = air.block(VALVE)
     assert TwinConfig.model_validate(flow["twin"]).valve == VALVE.valves

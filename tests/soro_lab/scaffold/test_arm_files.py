@@ -12,7 +12,7 @@ from soro_core.adaptation.modes import first_mode
 from soro_core.control.reference_feasibility import check_reach
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_hardware import load_platform
-from soro_lab.scaffold import Options, files, new_arm, write_arm
+from soro_lab.scaffold import ScaffoldOptions, files, new_arm, write_arm
 from soro_lab.scaffold.reference import LINK_BEND, LONGEST
 from soro_lab.scaffold.robot_file import DAMPING
 from soro_lab.scaffold.text import scalar
@@ -20,9 +20,9 @@ from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
 from tests.refused import refused
 
-ONE = Options("one", length="80mm", mass="30g")
-TWO = Options("two", length="90mm,70mm", mass="40g,25g", mounting="hanging")
-PLANAR = Options("planar", length="60mm", radius="15mm", mass="20g", planar=True)
+ONE = ScaffoldOptions("one", length="80mm", mass="30g")
+TWO = ScaffoldOptions("two", length="90mm,70mm", mass="40g,25g", mounting="hanging")
+PLANAR = ScaffoldOptions("planar", length="60mm", radius="15mm", mass="20g", planar=True)
 ARMS = pytest.mark.parametrize("options", [ONE, TWO, PLANAR], ids=lambda options: options.name)
 
 
@@ -155,7 +155,7 @@ def test_the_pressures_hold_the_reference(written, options):
 @pytest.mark.parametrize("planar", [False, True])
 def test_the_reference_of_a_soft_arm_is_no_longer_or_more_bent_than_arms_are(tmp_path, planar):
     soft = {"axial_stiffness": "736", "bending_stiffness": "25Nmm/rad", "pressure_range": "0,300kPa"}
-    options = Options("soft", length="60mm", mass="20g", planar=planar, **soft)
+    options = ScaffoldOptions("soft", length="60mm", mass="20g", planar=planar, **soft)
     scene = load_scene(write_arm(new_arm(options), tmp_path).scene)
     controller = loop_of(scene).controller
     q = controller.configured.sample(0.0).q
@@ -198,7 +198,7 @@ def test_a_resting_place_is_one(written):
     ],
 )
 def test_every_platform_takes_six_chambers(platform, family, tmp_path):
-    options = Options("arm", links=2, length="60mm", platform=platform, mounting="hanging")
+    options = ScaffoldOptions("arm", links=2, length="60mm", platform=platform, mounting="hanging")
     found = load_platform(write_arm(new_arm(options), tmp_path).platform)
     assert found.family == family
     assert found.chamber_names == tuple(f"link{i}/chamber{j}" for i in range(2) for j in range(3))
@@ -206,12 +206,12 @@ def test_every_platform_takes_six_chambers(platform, family, tmp_path):
 
 @pytest.mark.parametrize(("low", "high"), [(0, 20), (-50, 60), (10, 80), (0, 250), (0, 900)])
 def test_limits_ranges_and_ratings_follow_the_pressures(low, high, tmp_path):
-    options = Options("arm", length="80mm", pressure_range=f"{low},{high}kPa")
+    options = ScaffoldOptions("arm", length="80mm", pressure_range=f"{low},{high}kPa")
     made = write_arm(new_arm(options), tmp_path)
     scene = load_scene(made.scene)
     assert scene.loaded_robot.pressure_range_pa == (1e3 * low, 1e3 * high)
     platform, lowest = scene.loaded_platform, min(1e3 * low, 0.0)
-    regulator = platform.emulation.regulator
+    regulator = platform.regulator
     for lower, upper in (
         (platform.range.minimum_pa, platform.range.maximum_pa),
         (scene.limits.minimum_pa, scene.limits.maximum_pa),
@@ -232,7 +232,7 @@ def test_limits_ranges_and_ratings_follow_the_pressures(low, high, tmp_path):
     ],
 )
 def test_an_arm_that_does_not_fit_its_platform_leaves_nothing(changes, key, tmp_path):
-    options = Options(**{"name": "arm", "length": "60mm", "mounting": "hanging", **changes})
+    options = ScaffoldOptions(**{"name": "arm", "length": "60mm", "mounting": "hanging", **changes})
     with refused(key or "", names=("emulated",) if key else ()) as caught:
         write_arm(new_arm(options), tmp_path / "arm")
     assert caught.value.where.startswith("soro new")
@@ -269,7 +269,7 @@ def test_a_folder_that_is_a_file_is_refused(tmp_path):
 
 
 def test_an_arm_that_falls_over_is_said_so(tmp_path):
-    soft = Options("soft", length="200mm", radius="10mm", bending_stiffness="3Nmm/rad")
+    soft = ScaffoldOptions("soft", length="200mm", radius="10mm", bending_stiffness="3Nmm/rad")
     assert len(write_arm(new_arm(soft), tmp_path).warnings) == 1
-    stiff = Options("stiff", length="200mm", radius="10mm", bending_stiffness="0.5Nm/rad")
+    stiff = ScaffoldOptions("stiff", length="200mm", radius="10mm", bending_stiffness="0.5Nm/rad")
     assert write_arm(new_arm(stiff), tmp_path).warnings == ()

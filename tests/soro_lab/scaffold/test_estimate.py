@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from soro_lab.scaffold import Options, estimate, new_arm
+from soro_lab.scaffold import ScaffoldOptions, estimate, new_arm
 from tests.refused import refused
 
 
@@ -58,7 +58,7 @@ def test_the_modulus_for_the_weight_is_that_of_a_beam():
 def test_a_material_that_is_not_given_moves_over_the_range_of_pressures():
     """Its stretch by all chambers at the highest pressure, from the numbers of the arm."""
     (link,) = new_arm(
-        Options("arm", length="60mm", radius="15mm", mass="20g", pressure_range="0,50kPa")
+        ScaffoldOptions("arm", length="60mm", radius="15mm", mass="20g", pressure_range="0,50kPa")
     ).links
     stretch = 3 * link.geometry.area.value * 50e3 / (link.k_e.value * 0.06)
     bend = link.geometry.area.value * link.geometry.offset.value * 50e3 / link.k_b.value
@@ -67,7 +67,7 @@ def test_a_material_that_is_not_given_moves_over_the_range_of_pressures():
 
 def test_stiffness_follows_section_and_modulus():
     """From a section with three round holes and the modulus that the comment names."""
-    (link,) = new_arm(Options("arm", length="0.1", radius="10mm")).links
+    (link,) = new_arm(ScaffoldOptions("arm", length="0.1", radius="10mm")).links
     modulus = 1e3 * float(link.k_e.note.partition("E = ")[2].split()[0])
     hole, offset = link.geometry.area.value, link.geometry.offset.value
     area = math.pi * 1e-4 - 3 * hole
@@ -91,4 +91,4 @@ def test_stiffness_follows_section_and_modulus():
 )
 def test_an_arm_that_cannot_be_is_refused(changes, key):
     with refused(key):
-        new_arm(Options(**{"name": "arm", "length": "80mm", **changes}))
+        new_arm(ScaffoldOptions(**{"name": "arm", "length": "80mm", **changes}))

@@ -3,7 +3,7 @@
 import pytest
 
 from soro_lab.scaffold import quantity
-from soro_lab.scaffold.options import Options, read_links, read_range
+from soro_lab.scaffold.options import ScaffoldOptions, read_links, read_range
 from tests.refused import refused
 
 
@@ -44,25 +44,25 @@ def test_other_texts_are_refused_with_the_option(kind, text):
 
 
 def test_a_value_is_for_all_links_or_one_each():
-    one, two = read_links(Options("arm", length="80mm,60mm", mass="30g", chambers="3,2"))
+    one, two = read_links(ScaffoldOptions("arm", length="80mm,60mm", mass="30g", chambers="3,2"))
     assert (one.length, two.length, one.mass, two.mass) == (0.08, 0.06, 0.03, 0.03)
     assert (one.count, two.count) == (3, 2)
     with refused("--length", names=("3",)):
-        read_links(Options("arm", links=3, length="80mm,60mm"))
+        read_links(ScaffoldOptions("arm", links=3, length="80mm,60mm"))
     with refused("--mass"):
-        read_links(Options("arm", length="1m,1m,1m", mass="30g,20g"))
+        read_links(ScaffoldOptions("arm", length="1m,1m,1m", mass="30g,20g"))
 
 
 @pytest.mark.parametrize("chambers", ["0", "2.5", "-1", "13", "three"])
 def test_numbers_of_chambers_that_no_link_has_are_refused(chambers):
     with refused("--chambers"):
-        read_links(Options("arm", chambers=chambers))
+        read_links(ScaffoldOptions("arm", chambers=chambers))
 
 
 @pytest.mark.parametrize("links", [0, -1, 13])
 def test_numbers_of_links_that_no_arm_has_are_refused(links):
     with refused("--links", links):
-        read_links(Options("arm", links=links))
+        read_links(ScaffoldOptions("arm", links=links))
 
 
 def test_a_range_of_pressures_has_a_lowest_and_a_highest():

@@ -69,7 +69,7 @@ def test_a_range_that_another_part_does_not_allow_is_named(tmp_path):
     found = scene(tmp_path, (-40e3, 90e3), (0.0, 90e3), (0.0, 90e3))
     assert check_scene(found, "scene") == [
         "pressure_range_pa of arm is -40 to 90 kPa, but range of valves (0 to 90 kPa) and "
-        "emulation.regulator of valves (0 to 90 kPa) allow less"
+        "regulator of valves (0 to 90 kPa) allow less"
     ]
     assert check_scene(scene(tmp_path, (0.0, 90e3), (0.0, 90e3), (0.0, 90e3)), "scene") == []
     alone = check_scene(scene(tmp_path, (-40e3, 90e3)), "scene")
@@ -82,7 +82,7 @@ def test_a_range_that_another_part_does_not_allow_is_named(tmp_path):
 
 
 def test_ranges_that_do_not_meet_are_refused(tmp_path):
-    allowed = "overlaps range of valves (0 to 50 kPa) and emulation.regulator of valves"
+    allowed = "overlaps range of valves (0 to 50 kPa) and regulator of valves"
     with fails(ConfigError, "60 to 90 kPa", allowed, where=str(tmp_path / "scene.yaml"), key="robot"):
         scene(tmp_path, (60e3, 90e3), (0.0, 50e3))
 

@@ -1,7 +1,7 @@
 """A robot and a grid that are quick to study."""
 
 from soro_core import robot_from_dict
-from soro_lab.trade.grid import Grid
+from soro_lab.trade.grid import CandidateGrid
 from soro_lab.trade.workers import Here
 
 ROBOT = {
@@ -23,7 +23,7 @@ ROBOT = {
         }
     ],
 }
-GRID = Grid((1, 2), (("legendre", 1, 1),), (0, 3), (8,), (0.02, 0.01, 0.005), (0.02, 0.005), 4, 1)
+GRID = CandidateGrid((1, 2), (("legendre", 1, 1),), (0, 3), (8,), (0.02, 0.01, 0.005), (0.02, 0.005), 4, 1)
 
 
 def robot():

@@ -14,8 +14,8 @@ from soro_lab.scene import Requirement
 from soro_lab.trade import Candidate, CandidateResult, Study, bare_case
 from soro_lab.trade.cost import Cost
 from soro_lab.trade.picture import draw, logarithmic, picture
-from soro_lab.trade.reference import Reference
-from soro_lab.trade.trace import Errors, Trace
+from soro_lab.trade.reference import ReferenceRun
+from soro_lab.trade.trace import Errors, TradeTrace
 
 SPACES = [Discretisation(basis="legendre", order=k, links=n) for k in (1, 2, 3, 4, 6) for n in (1, 2, 4)]
 MODELS = [Discretisation(links=k) for k in (1, 2, 4)] + [Discretisation(method="mde", steps=9)]
@@ -30,8 +30,8 @@ def study(models, requirement):
         cost = Cost(2e-3 * 1.3**k, 1.0, 50.0 * 1.2**k, 40.0, 0.1, 3)
         errors = Errors(tip, tip, float(rng.random()), None)
         rows.append(CandidateResult(Candidate(model, "trapezoidal", 0.01), errors, cost=cost))
-    trace = Trace(np.zeros((1, 5, 3)), np.zeros(1), 1.0)
-    truth = Reference(rows[-1].candidate, trace, Errors(0.01, 0.01, 0.01, None), 0.02, "")
+    trace = TradeTrace(np.zeros((1, 5, 3)), np.zeros(1), 1.0)
+    truth = ReferenceRun(rows[-1].candidate, trace, Errors(0.01, 0.01, 0.01, None), 0.02, "")
     return Study(bare_case(robot()), requirement, truth, tuple(rows), 100)
 
 

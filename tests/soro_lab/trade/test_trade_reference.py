@@ -11,7 +11,7 @@ from soro_core.robot import Discretisation
 from soro_lab.commands.trade_report import notes
 from soro_lab.scene import Requirement
 from soro_lab.trade import bare_case
-from soro_lab.trade.reference import Reference, converge, spaces
+from soro_lab.trade.reference import ReferenceRun, converge, spaces
 from soro_lab.trade.slow_metrics import mean_curvature
 from soro_lab.trade.trace import first_frequency_hz, total_energy
 
@@ -51,7 +51,7 @@ def test_the_error_of_a_pod_basis_is_said_to_be_unknown(modes):
     reference = converge(bare_case(modes, 0.06), 0.05)
     assert reference.unknown == "POD basis is not refined"
     assert reference.converged
-    assert Reference.from_dict(reference.as_dict()).unknown == reference.unknown
+    assert ReferenceRun.from_dict(reference.as_dict()).unknown == reference.unknown
     assert spaces(robot())[2] == ""
     shown = study(MODELS, Requirement(error="1%"))
     told = type(shown)(**{**vars(shown), "reference": reference})

@@ -12,7 +12,7 @@ from soro_core.integrate import make_stepper
 from soro_core.robot import Discretisation
 from soro_lab.identification import ForcedRun
 from soro_lab.scene import Requirement, Scene
-from soro_lab.trade import Candidate, Case, bare_case, cost, run_study
+from soro_lab.trade import Candidate, TradeCase, bare_case, cost, run_study
 from soro_lab.trade.cache import Cache
 from soro_lab.trade.grid import PRESETS, around, within
 from soro_lab.trade.reference import converge
@@ -159,8 +159,8 @@ def test_stopping_keeps_what_is_done(case, studied):
 def test_a_failure_is_a_row_with_its_cause(case, reference):
     stiff = robot().replace(links=[{**case.robot.links[0].model_dump(exclude_unset=True), "material": STIFF}])
     outcome = compute(bare_case(stiff, 0.3), reference.trace, Candidate(Discretisation(links=2), "rk4", 0.02))
-    assert outcome == Outcome(outcome.candidate, None, outcome.trouble)
-    assert "t = " in outcome.trouble
+    assert outcome == Outcome(outcome.candidate, None, outcome.failure)
+    assert "t = " in outcome.failure
 
 
 STIFF = {"youngs_modulus": 1e8, "shear_modulus": 3e7, "viscosity": 1e3}
@@ -173,7 +173,7 @@ def test_a_measured_run_is_compared_in_its_own_frame():
     t = np.arange(31) * 0.01
     pressure = 2e4 * np.sin(10 * t)[:, None] ** 2
     arm = SoftArm(seen.refine(2))
-    start = Case(seen, "", t, pressure, 0.3)
+    start = TradeCase(seen, "", t, pressure, 0.3)
     result = simulate(arm, start.initial(arm), t_end=0.3, dt=0.01, pressure=start.pressures(t))
     shown = np.cos(0.7), np.sin(0.7)
     curvature = np.outer(result.q.mean(axis=1), shown) + np.array([0.3, -0.2])
@@ -260,4 +260,4 @@ def test_a_candidate_that_takes_for_ever_is_left_out_and_says_so(case, reference
     monkeypatch.setattr("soro_lab.trade.trace.SLOWEST", 0.0)
     outcome = compute(case, reference.trace, candidate)
     assert outcome.errors is None
-    assert outcome.trouble == "too slow: takes more than 0 s a simulated second"
+    assert outcome.failure == "too slow: takes more than 0 s a simulated second"

@@ -12,7 +12,7 @@ from soro_core.robot.surroundings import Contacts, Plane, Sphere
 from soro_ros.view.access import Access
 from soro_ros.view.contact import touching, turned_to
 from soro_ros.view.moment import Moment
-from soro_ros.view.page import Page
+from soro_ros.view.page import ViewerPage
 from soro_ros.view.server import ViewServer
 
 ROBOT = load_robot("tue_three_bellow")
@@ -43,7 +43,7 @@ def straight(length=ROBOT.length, x=0.0):
 
 @pytest.mark.process
 def test_a_moment_that_is_like_the_last_sends_nothing_and_a_moved_arm_its_vertices(server, sent):
-    page = Page(server, ROBOT)
+    page = ViewerPage(server, ROBOT)
     names = ROBOT.chamber_names
     moment = Moment(1.0, straight(), pressure=dict.fromkeys(names, 20e3))
     page.show([moment], at_once=True)
@@ -63,7 +63,7 @@ def test_a_moment_that_is_like_the_last_sends_nothing_and_a_moved_arm_its_vertic
 
 @pytest.mark.process
 def test_without_an_estimate_no_arm_is_drawn_and_the_page_says_so(server):
-    page = Page(server, ROBOT)
+    page = ViewerPage(server, ROBOT)
     page.show([Moment(1.0, straight())])
     assert all(mesh.visible for mesh in page._meshes)
     page.show([Moment(2.0, None, latched=True, valves="vented: high pressure", faults=("twin: silent",))])
@@ -82,7 +82,7 @@ def test_what_touches_an_obstacle_is_marked(server):
     assert len(touching(robot, straight(x=0.02))) == 4
     assert len(touching(robot, straight(x=-0.02))) == 0
     assert len(touching(ROBOT, straight())) == 0
-    page = Page(server, robot)
+    page = ViewerPage(server, robot)
     page.show([Moment(1.0, straight(x=0.02))])
     assert [ball.visible for ball in page._touching] == [True] * 4
 

@@ -28,7 +28,7 @@ _STEPPER = "tr_bdf2_linear"
 
 
 @dataclass(frozen=True)
-class Path:
+class ArmMotion:
     """Motion of an arm.
 
     Attributes
@@ -66,7 +66,7 @@ class Case(Protocol):
         """Length [s] of what counts as one witness."""
         ...
 
-    def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> Path:
+    def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> ArmMotion:
         """Return the motion of an arm.
 
         Parameters
@@ -82,12 +82,12 @@ class Case(Protocol):
         """
         ...
 
-    def coordinates(self, path: Path, frames: Mapping[str, float]) -> list[Array]:
+    def coordinates(self, path: ArmMotion, frames: Mapping[str, float]) -> list[Array]:
         """Return the coordinates (n, n_q) at the samples of each shape.
 
         Parameters
         ----------
-        path : Path
+        path : ArmMotion
             Of `simulated`.
         frames : mapping of str to float
             Numbers of the measurement by name (`clock`).
@@ -137,7 +137,7 @@ class Whole:
             for s in self.recording.shapes
         )
 
-    def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> Path:
+    def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> ArmMotion:
         """Return the motion from rest, or from where a release begins."""
         times, table = self._pressures
         q0, internal = at_start(arm, self.name, equilibrium(arm, table[0, 0]), values)
@@ -155,9 +155,9 @@ class Whole:
             raise ModelError(
                 f"{self.name} failed after {result.t[-1]:.3g} s: {result.status.message}", self.name
             )
-        return Path(times, q, qd)
+        return ArmMotion(times, q, qd)
 
-    def coordinates(self, path: Path, frames: Mapping[str, float]) -> list[Array]:
+    def coordinates(self, path: ArmMotion, frames: Mapping[str, float]) -> list[Array]:
         """Return the coordinates when the samples were taken: before their stamps by what these are late."""
         late = frames.get(clock(self.name), 0.0)
         return [path.at(s.t - late) for s in self.shapes]
@@ -192,15 +192,15 @@ class Rests:
     shapes: tuple[Shape, ...]
     block_s: float = field(default=1.0, init=False)
 
-    def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> Path:
+    def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> ArmMotion:
         """Return the balances, each search started at the nearest state that was found."""
         q = np.zeros((len(self.pressure), arm.n_q))
         for k, p in enumerate(self.pressure):
             near = int(np.argmin(np.linalg.norm(self.pressure[:k] - p, axis=1))) if k else 0
             q[k] = equilibrium(arm, p, q[near] if k else None)
-        return Path(np.arange(len(q), dtype=np.float64), q, np.zeros_like(q))
+        return ArmMotion(np.arange(len(q), dtype=np.float64), q, np.zeros_like(q))
 
-    def coordinates(self, path: Path, frames: Mapping[str, float]) -> list[Array]:
+    def coordinates(self, path: ArmMotion, frames: Mapping[str, float]) -> list[Array]:
         """Return the balance at each sample."""
         return [path.q[s.t.astype(int)] for s in self.shapes]
 

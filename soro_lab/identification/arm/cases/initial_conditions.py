@@ -2,7 +2,7 @@
 
 A release is a run that does not begin at rest. Its coordinates at the first sample, and what creep has
 forgotten of them by then, are numbers of the run. All other runs begin at their balance: an offset of the run
-that is judged would hide what the model lacks.
+that is judged would hide the unmodelled part.
 """
 
 from __future__ import annotations

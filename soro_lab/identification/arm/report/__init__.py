@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from soro_lab.identification.arm.report.content import Result, content_of
+from soro_lab.identification.arm.report.content import ReportContent, content_of
 from soro_lab.identification.arm.report.page import page_of
 from soro_lab.identification.arm.report.traces import traces
 from soro_lab.reporting.html import write
 
-__all__ = ["Result", "write_report"]
+__all__ = ["ReportContent", "write_report"]
 
 
-def write_report(result: Result, folder: Path) -> Path:
+def write_report(result: ReportContent, folder: Path) -> Path:
     """Write index.html, report.json and the folder pictures; return the page.
 
     Parameters
     ----------
-    result : Result
+    result : ReportContent
     folder : Path
         Made where it does not exist.
     """

@@ -20,11 +20,11 @@ from soro_lab.identification.arm.report.found import (
     undetermined_of,
 )
 from soro_lab.identification.arm.report.repeats import repeats
-from soro_lab.identification.arm.report.traces import Trace
+from soro_lab.identification.arm.report.traces import ShapeTrace
 from soro_lab.identification.arm.report.verdict import verdict_of
 from soro_lab.identification.arm.robot_yaml import combined
 from soro_lab.identification.arm.search.profile import Profile
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.stages import ArmIdentification
 
 Content = dict[str, Any]
 
@@ -34,12 +34,12 @@ _WEIGHT, _BEYOND, _TIMES = 0.5, 0.2, 3.0
 
 
 @dataclass(frozen=True)
-class Result:
+class ReportContent:
     """What a report is about.
 
     Attributes
     ----------
-    found : Identified
+    found : ArmIdentification
     accept : float
         Largest RMS error on held-out sections, in ranges moved.
     profiles : tuple of Profile
@@ -48,20 +48,20 @@ class Result:
         The robot file that is written.
     """
 
-    found: Identified
+    found: ArmIdentification
     accept: float
     profiles: tuple[Profile, ...]
     unphysical: tuple[Unphysical, ...]
     out: str
 
 
-def content_of(result: Result, traces: Sequence[Trace]) -> Content:
+def content_of(result: ReportContent, traces: Sequence[ShapeTrace]) -> Content:
     """Return all numbers of a report.
 
     Parameters
     ----------
-    result : Result
-    traces : sequence of Trace
+    result : ReportContent
+    traces : sequence of ShapeTrace
         Of its identification.
     """
     found = result.found
@@ -90,12 +90,12 @@ def content_of(result: Result, traces: Sequence[Trace]) -> Content:
     }
 
 
-def standardised(trace: Trace) -> np.ndarray[Any, np.dtype[np.float64]]:
+def standardised(trace: ShapeTrace) -> np.ndarray[Any, np.dtype[np.float64]]:
     """Return measured minus predicted in expected errors (n, k)."""
     return np.asarray(trace.differences / trace.expected)
 
 
-def _runs(traces: Sequence[Trace]) -> list[Content]:
+def _runs(traces: Sequence[ShapeTrace]) -> list[Content]:
     rows: list[Content] = []
     for trace in traces:
         width = trace.stream.motion().reshape(len(trace.stream.t), -1).shape[1]
@@ -148,11 +148,11 @@ def _errors(errors: Sequence[Error], part: str) -> list[Content]:
     ]
 
 
-def _unit(traces: Sequence[Trace], shape: str) -> str:
+def _unit(traces: Sequence[ShapeTrace], shape: str) -> str:
     return unit_of(next(trace.stream for trace in traces if trace.shape == shape))
 
 
-def _residuals(traces: Sequence[Trace], shape: str) -> Content:
+def _residuals(traces: Sequence[ShapeTrace], shape: str) -> Content:
     """What is left of one shape, in expected errors, beside the normal distribution."""
     rows = np.concatenate([standardised(t).ravel() for t in traces if t.shape == shape])
     return {

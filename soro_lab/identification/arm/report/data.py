@@ -5,17 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 from soro_lab.identification.arm.cases.case import Whole
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.stages import ArmIdentification
 from soro_lab.identification.recording import Recording
 from soro_lab.identification.recording.streams import Stream
 
 
-def data_of(found: Identified) -> list[dict[str, Any]]:
+def data_of(found: ArmIdentification) -> list[dict[str, Any]]:
     """Return an entry for each recording."""
     return [_entry(case.recording, found) for case in found.problem.cases if isinstance(case, Whole)]
 
 
-def _entry(recording: Recording, found: Identified) -> dict[str, Any]:
+def _entry(recording: Recording, found: ArmIdentification) -> dict[str, Any]:
     first, last = recording.span
 
     def sections(cases: tuple[Whole, ...]) -> list[list[float]]:

@@ -10,16 +10,16 @@ import numpy as np
 from soro_lab.identification.arm.cases.physical import Unphysical
 from soro_lab.identification.arm.robot_yaml import experiment, marks, origin
 from soro_lab.identification.arm.search.profile import Profile
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.stages import ArmIdentification
 from soro_lab.identification.recording.streams import Attitude, Curvature, Marker, Plate
 
 
-def numbers_of(found: Identified, unphysical: Sequence[Unphysical]) -> list[dict[str, Any]]:
+def numbers_of(found: ArmIdentification, unphysical: Sequence[Unphysical]) -> list[dict[str, Any]]:
     """Return an entry for each number.
 
     Parameters
     ----------
-    found : Identified
+    found : ArmIdentification
     unphysical : sequence of Unphysical
     """
     sure = found.certainty
@@ -41,7 +41,7 @@ def numbers_of(found: Identified, unphysical: Sequence[Unphysical]) -> list[dict
     ]
 
 
-def correlation_of(found: Identified) -> dict[str, Any]:
+def correlation_of(found: ArmIdentification) -> dict[str, Any]:
     """Return the names and the matrix of the correlations."""
     return {
         "names": [n.name for n in found.problem.numbers],
@@ -49,7 +49,7 @@ def correlation_of(found: Identified) -> dict[str, Any]:
     }
 
 
-def laws_of(found: Identified) -> list[dict[str, Any]]:
+def laws_of(found: ArmIdentification) -> list[dict[str, Any]]:
     """Return each set of laws that was tried, with the standard error of its difference to the best."""
     if found.choice is None:
         return []
@@ -87,14 +87,14 @@ def profiles_of(profiles: Sequence[Profile]) -> list[dict[str, Any]]:
     ]
 
 
-def undetermined_of(found: Identified) -> list[dict[str, Any]]:
+def undetermined_of(found: ArmIdentification) -> list[dict[str, Any]]:
     """Return each number that the data leave open, the combinations, and an experiment."""
     return [
         {"name": name, "open": list(found.kept[name]), "experiment": experiment(name)} for name in found.kept
     ]
 
 
-def frames_of(found: Identified) -> dict[str, Any]:
+def frames_of(found: ArmIdentification) -> dict[str, Any]:
     """Return where trackers and the worlds of IMUs stand, and how bodies and cameras sit."""
     values = found.solution.values
     seen = {shape.name: shape for case in found.problem.cases for shape in case.shapes}

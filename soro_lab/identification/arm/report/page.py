@@ -12,18 +12,18 @@ from soro_lab.identification.arm.report.fit_pictures import (
 )
 from soro_lab.identification.arm.report.run_pictures import histogram, run_picture
 from soro_lab.identification.arm.report.tables import Content
-from soro_lab.identification.arm.report.traces import Trace
+from soro_lab.identification.arm.report.traces import ShapeTrace
 from soro_lab.reporting.html import Block, Bullets, Chapter, Heading, Page, Picture, Words
 
 
-def page_of(content: Content, traces: Sequence[Trace]) -> Page:
+def page_of(content: Content, traces: Sequence[ShapeTrace]) -> Page:
     """Return the page.
 
     Parameters
     ----------
     content : dict
         Of report.json.
-    traces : sequence of Trace
+    traces : sequence of ShapeTrace
     """
     verdict = content["verdict"]
     return Page(
@@ -51,7 +51,7 @@ def _data(content: Content) -> Iterator[Block]:
     yield tables.sections_table(content)
 
 
-def _errors(content: Content, traces: Sequence[Trace]) -> Iterator[Block]:
+def _errors(content: Content, traces: Sequence[ShapeTrace]) -> Iterator[Block]:
     off = [f"{run['run']}, {run['shape']}: {run['why']}" for run in content["runs"] if run["written_off"]]
     if off:
         yield Words("The fit hardly follows these runs:", kind="warn")
@@ -76,7 +76,7 @@ def _errors(content: Content, traces: Sequence[Trace]) -> Iterator[Block]:
     )
 
 
-def _runs(content: Content, traces: Sequence[Trace]) -> Iterator[Block]:
+def _runs(content: Content, traces: Sequence[ShapeTrace]) -> Iterator[Block]:
     if any(run["held_out_s"] for run in content["data"]):
         yield Words(
             "Predicted with the numbers of the fit that has not seen the shaded sections. Each run is "

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from soro_core.arrays import Array
-from soro_lab.identification.arm.report.traces import Trace
+from soro_lab.identification.arm.report.traces import ShapeTrace
 
 # Share of its range by which a pressure may differ; the time before, at so many points; elsewhere in between.
 _ALIKE = 0.01
@@ -51,14 +51,14 @@ class Repeats:
     error: float
 
 
-def repeats(traces: Sequence[Trace]) -> tuple[Repeats, ...]:
+def repeats(traces: Sequence[ShapeTrace]) -> tuple[Repeats, ...]:
     """Return the spread of each shape that repeats, over all runs."""
     names = dict.fromkeys(trace.shape for trace in traces)
     found = [_of_shape([trace for trace in traces if trace.shape == name]) for name in names]
     return tuple(each for each in found if each.pairs)
 
 
-def _of_shape(traces: Sequence[Trace]) -> Repeats:
+def _of_shape(traces: Sequence[ShapeTrace]) -> Repeats:
     picked = [_thinned(trace.stream.t) for trace in traces]
     run = np.concatenate([np.full(len(k), i) for i, k in enumerate(picked)])
     t = np.concatenate([trace.stream.t[k] for trace, k in zip(traces, picked, strict=True)])

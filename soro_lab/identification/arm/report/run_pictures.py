@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from soro_core.arrays import Array
-from soro_lab.identification.arm.report.traces import Trace
+from soro_lab.identification.arm.report.traces import ShapeTrace
 from soro_lab.reporting.drawing import (
     COLOURS,
     HELD_OUT,
@@ -30,7 +30,7 @@ _BEYOND = 3.0
 _FAR, _BINS = 6.0, 60
 
 
-def run_picture(trace: Trace) -> Image:
+def run_picture(trace: ShapeTrace) -> Image:
     """Return the picture of one shape of one run: each column, what is left over, and the pressures below."""
     heights = [_ROW] * sum(len(p.labels) for p in trace.panels) + [_LEFT, _PRESSURE]
     with mpl.rc_context(style()):
@@ -72,7 +72,7 @@ def run_picture(trace: Trace) -> Image:
         return png(figure)
 
 
-def histogram(traces: Sequence[Trace]) -> Image:
+def histogram(traces: Sequence[ShapeTrace]) -> Image:
     """Return how what is left over is distributed, in expected errors, beside the normal distribution."""
     shapes = list(dict.fromkeys(trace.shape for trace in traces))
     edges = np.linspace(-_FAR, _FAR, _BINS + 1)
@@ -94,7 +94,7 @@ def histogram(traces: Sequence[Trace]) -> Image:
         return svg(figure)
 
 
-def _left_over(axes: Any, trace: Trace) -> None:
+def _left_over(axes: Any, trace: ShapeTrace) -> None:
     t, rows = trace.stream.t, trace.differences / trace.expected
     size = np.abs(rows).max(axis=1)
     sizes = rows[np.arange(len(rows)), np.abs(rows).argmax(axis=1)]

@@ -11,13 +11,13 @@ from scipy.spatial.transform import Rotation
 
 from soro_core.arrays import Array, Flags
 from soro_lab.identification.arm.cases.case import Interval, Whole
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.stages import ArmIdentification
 from soro_lab.identification.recording import Recording
 from soro_lab.identification.recording.streams import Attitude, Bend, Curvature, Marker, Plate, Shape
 
 
 @dataclass(frozen=True)
-class Panel:
+class TracePanel:
     """Columns of one kind.
 
     Attributes
@@ -36,7 +36,7 @@ class Panel:
 
 
 @dataclass(frozen=True)
-class Trace:
+class ShapeTrace:
     """One shape of one run.
 
     Attributes
@@ -55,7 +55,7 @@ class Trace:
         Samples that the prediction has not seen.
     shaded : tuple of (start, end)
         Sections held out [s].
-    panels : tuple of Panel
+    panels : tuple of TracePanel
     """
 
     run: str
@@ -67,20 +67,20 @@ class Trace:
     weights: Array
     held_out: Flags
     shaded: tuple[Interval, ...]
-    panels: tuple[Panel, ...]
+    panels: tuple[TracePanel, ...]
 
 
-def prediction_of(found: Identified) -> dict[str, float]:
+def prediction_of(found: ArmIdentification) -> dict[str, float]:
     """Return the numbers that predict: of the fit without the held-out sections, where there is one."""
     own = {n.name for n in found.problem.numbers}
     judged = found.choice.chosen.values if found.choice is not None else {}
     return {**found.solution.values, **{k: v for k, v in judged.items() if k in own}}
 
 
-def traces(found: Identified) -> tuple[Trace, ...]:
+def traces(found: ArmIdentification) -> tuple[ShapeTrace, ...]:
     """Return what is measured and predicted of each shape of each run."""
     problem = found.problem
-    differences = problem.predicted(prediction_of(found))
+    differences = problem.prediction_errors(prediction_of(found))
     weights = _weights(found)
     result = []
     for case, own, sure in zip(problem.cases, differences, weights, strict=True):
@@ -95,7 +95,7 @@ def traces(found: Identified) -> tuple[Trace, ...]:
             for start, end in held:
                 inside |= (shape.t >= start) & (shape.t <= end)
             result.append(
-                Trace(
+                ShapeTrace(
                     case.name,
                     shape.name,
                     case.recording,
@@ -111,7 +111,7 @@ def traces(found: Identified) -> tuple[Trace, ...]:
     return tuple(result)
 
 
-def _weights(found: Identified) -> Sequence[Sequence[Array]]:
+def _weights(found: ArmIdentification) -> Sequence[Sequence[Array]]:
     """Mean weight of the rows of each sample, of each shape of each case, in the order of the rows."""
     each = 1.0 / np.sqrt(1.0 + found.solution.rows**2)
     at, result = 0, []
@@ -127,7 +127,7 @@ def _weights(found: Identified) -> Sequence[Sequence[Array]]:
 
 
 @singledispatch
-def panels(shape: Shape, differences: Array) -> tuple[Panel, ...]:
+def panels(shape: Shape, differences: Array) -> tuple[TracePanel, ...]:
     """Return measured and predicted columns in the units of a reader.
 
     Parameters
@@ -141,38 +141,38 @@ def panels(shape: Shape, differences: Array) -> tuple[Panel, ...]:
 
 
 @panels.register
-def _(shape: Plate, differences: Array) -> tuple[Panel, ...]:
+def _(shape: Plate, differences: Array) -> tuple[TracePanel, ...]:
     return _places(shape.position, differences[:, :3]), _turns(shape.quaternion, differences[:, 3:])
 
 
 @panels.register
-def _(shape: Attitude, differences: Array) -> tuple[Panel, ...]:
+def _(shape: Attitude, differences: Array) -> tuple[TracePanel, ...]:
     return (_turns(shape.quaternion, differences),)
 
 
 @panels.register
-def _(shape: Marker, differences: Array) -> tuple[Panel, ...]:
+def _(shape: Marker, differences: Array) -> tuple[TracePanel, ...]:
     return (_places(shape.position, differences),)
 
 
 @panels.register
-def _(shape: Curvature, differences: Array) -> tuple[Panel, ...]:
-    return (Panel("curvature", "1/m", ("x", "y"), shape.curvature, shape.curvature - differences),)
+def _(shape: Curvature, differences: Array) -> tuple[TracePanel, ...]:
+    return (TracePanel("curvature", "1/m", ("x", "y"), shape.curvature, shape.curvature - differences),)
 
 
 @panels.register
-def _(shape: Bend, differences: Array) -> tuple[Panel, ...]:
+def _(shape: Bend, differences: Array) -> tuple[TracePanel, ...]:
     measured = np.degrees(shape.angle)[:, None]
-    return (Panel("bending angle", "deg", ("angle",), measured, measured - np.degrees(differences)),)
+    return (TracePanel("bending angle", "deg", ("angle",), measured, measured - np.degrees(differences)),)
 
 
-def _turns(quaternion: Array, differences: Array) -> Panel:
+def _turns(quaternion: Array, differences: Array) -> TracePanel:
     shown = Rotation.from_quat(quaternion)
     predicted = shown * Rotation.from_rotvec(differences).inv()
     first = shown[0].inv()
     turned = [np.degrees(np.unwrap((first * r).as_rotvec(), axis=0)) for r in (shown, predicted)]
-    return Panel("rotation since the start", "deg", ("x", "y", "z"), turned[0], turned[1])
+    return TracePanel("rotation since the start", "deg", ("x", "y", "z"), turned[0], turned[1])
 
 
-def _places(position: Array, differences: Array) -> Panel:
-    return Panel("position", "mm", ("x", "y", "z"), 1e3 * position, 1e3 * (position - differences))
+def _places(position: Array, differences: Array) -> TracePanel:
+    return TracePanel("position", "mm", ("x", "y", "z"), 1e3 * position, 1e3 * (position - differences))

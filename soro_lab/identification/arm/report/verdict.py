@@ -10,15 +10,15 @@ import numpy as np
 from soro_lab.identification.arm.cases.physical import Unphysical
 from soro_lab.identification.arm.judge import Error
 from soro_lab.identification.arm.robot_yaml import experiment
-from soro_lab.identification.arm.stages import Identified
+from soro_lab.identification.arm.stages import ArmIdentification
 
 
-def is_accepted(found: Identified, accept: float, unphysical: Sequence[Unphysical]) -> bool:
+def is_accepted(found: ArmIdentification, accept: float, unphysical: Sequence[Unphysical]) -> bool:
     """Whether the search ended, the error on what was held out is small enough, and every number physical.
 
     Parameters
     ----------
-    found : Identified
+    found : ArmIdentification
     accept : float
         Largest RMS error, in ranges moved.
     unphysical : sequence of Unphysical
@@ -28,7 +28,7 @@ def is_accepted(found: Identified, accept: float, unphysical: Sequence[Unphysica
 
 
 def verdict_of(
-    found: Identified,
+    found: ArmIdentification,
     accept: float,
     out: str,
     unphysical: Sequence[Unphysical],
@@ -38,7 +38,7 @@ def verdict_of(
 
     Parameters
     ----------
-    found : Identified
+    found : ArmIdentification
     accept : float
         Largest RMS error, in ranges moved.
     out : str
@@ -80,12 +80,12 @@ def in_words(size: float, unit: str) -> str:
     return f"{factor * size:.3g} {shown}"
 
 
-def sentence(found: Identified, accept: float, unphysical: Sequence[Unphysical]) -> str:
+def sentence(found: ArmIdentification, accept: float, unphysical: Sequence[Unphysical]) -> str:
     """Return the verdict: accepted or not, and the error that counts.
 
     Parameters
     ----------
-    found : Identified
+    found : ArmIdentification
     accept : float
         Largest RMS error, in ranges moved.
     unphysical : sequence of Unphysical
@@ -106,7 +106,7 @@ def sentence(found: Identified, accept: float, unphysical: Sequence[Unphysical])
 
 
 def _next(
-    found: Identified,
+    found: ArmIdentification,
     accept: float,
     accepted: bool,
     out: str,

@@ -11,7 +11,7 @@ from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.parameters import is_of_robot
 from soro_lab.identification.arm.cases.predict import predict_measurement
 from soro_lab.identification.arm.search.problem import Problem
-from soro_lab.identification.arm.search.solve import Solution
+from soro_lab.identification.arm.search.solve import FitSolution
 from soro_lab.identification.recording import Recording
 from soro_lab.identification.recording.streams import Shape
 
@@ -42,13 +42,13 @@ def check_motion(arm: SoftArm, recordings: Sequence[Recording]) -> None:
                 raise ConfigError(recording.name, shape.name, got, _ALLOWED)
 
 
-def check_numbers(problem: Problem, solution: Solution) -> None:
+def check_numbers(problem: Problem, solution: FitSolution) -> None:
     """Refuse a stream on which no number of the robot has an effect, as one that no pressure moves.
 
     Parameters
     ----------
     problem : Problem
-    solution : Solution
+    solution : FitSolution
         Of this problem.
 
     Raises

@@ -13,7 +13,7 @@ from itertools import combinations as pairs
 import numpy as np
 
 from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot
-from soro_lab.identification.arm.search.uncertainty import Certainty
+from soro_lab.identification.arm.search.uncertainty import Uncertainty
 
 # Only numbers that are less sure than this have combinations, and only those that are so many times surer.
 _UNSURE, _SURER = 0.03, 4.0
@@ -51,7 +51,7 @@ class Combination:
 
 
 def combinations(
-    numbers: Sequence[ArmParameter], sure: Certainty, values: Mapping[str, float]
+    numbers: Sequence[ArmParameter], sure: Uncertainty, values: Mapping[str, float]
 ) -> tuple[Combination, ...]:
     """Return the combinations that are at least four times surer than each of their numbers.
 
@@ -61,7 +61,7 @@ def combinations(
     ----------
     numbers : sequence of ArmParameter
         Of the problem, in the order of the correlation.
-    sure : Certainty
+    sure : Uncertainty
     values : mapping of str to float
     """
     of = np.array([sure.deviations[n.name] for n in numbers])

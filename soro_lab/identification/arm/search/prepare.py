@@ -137,7 +137,7 @@ def first_errors(shape: Shape, moved: float) -> Array:
 def residual_errors(problem: Problem, values: Mapping[str, float]) -> dict[str, Array]:
     """Expected errors after a fit: the RMS of what is left of each shape, of places and angles apart."""
     found: dict[str, list[Array]] = {}
-    for case, own in zip(problem.cases, problem.predicted(values), strict=True):
+    for case, own in zip(problem.cases, problem.prediction_errors(values), strict=True):
         for shape, rows in zip(case.shapes, own, strict=True):
             found.setdefault(shape.name, []).append(rows)
     expected = {}

@@ -14,10 +14,10 @@ from soro_core.errors import SoroError
 from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
-from soro_lab.identification.arm.cases.case import Case, Path
+from soro_lab.identification.arm.cases.case import ArmMotion, Case
 from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot, with_numbers
 from soro_lab.identification.arm.cases.predict import difference, predict_measurement
-from soro_lab.identification.search import LOSSES, Settings
+from soro_lab.identification.search import LOSSES, SearchSettings
 
 # What the arm does where each stream of each case looks (`predict.predict_measurement`).
 Shown: TypeAlias = list[list[Array]]
@@ -37,7 +37,9 @@ def modelled(robot: Robot, is_constant: bool) -> SoftArm:
     return discretised(robot, shape)
 
 
-def seen_in(case: Case, robot: Robot, arm: SoftArm, path: Path, values: Mapping[str, float]) -> list[Array]:
+def seen_in(
+    case: Case, robot: Robot, arm: SoftArm, path: ArmMotion, values: Mapping[str, float]
+) -> list[Array]:
     """Return what an arm does where each stream of a case looks, at its samples.
 
     Parameters
@@ -47,7 +49,7 @@ def seen_in(case: Case, robot: Robot, arm: SoftArm, path: Path, values: Mapping[
         Whose links the streams count.
     arm : SoftArm
         The robot itself, or pieces of it.
-    path : Path
+    path : ArmMotion
         Its motion.
     values : mapping of str to float
         Numbers; the clock of the case is used.
@@ -141,7 +143,7 @@ class Problem:
             for case, own in zip(self.cases, does, strict=True)
         ]
 
-    def predicted(self, values: Mapping[str, float]) -> list[list[Array]]:
+    def prediction_errors(self, values: Mapping[str, float]) -> list[list[Array]]:
         """Return measured minus predicted of each shape of each case, for given numbers."""
         return self.differences(self.predict(values), values)
 
@@ -168,5 +170,5 @@ class Problem:
             rows = self.rows(self.predict(values), values)
         except SoroError:
             return np.inf
-        x, loss = self.position(values), LOSSES[Settings().loss][0]
+        x, loss = self.position(values), LOSSES[SearchSettings().loss][0]
         return 0.5 * float(loss(rows**2).sum() + x @ x) if np.isfinite(rows).all() else np.inf

@@ -27,7 +27,7 @@ _ENOUGH = 0.01
 
 
 @dataclass(frozen=True)
-class Point:
+class ProfilePoint:
     """The cost with one number held.
 
     Attributes
@@ -57,13 +57,13 @@ class Profile:
     name : str
     is_searched : bool
         Whether residuals were computed anew; else they are linear in the numbers.
-    points : tuple of Point
+    points : tuple of ProfilePoint
         In the order of `at`, without the solution; none beyond a bound or where no arm can be simulated.
     """
 
     name: str
     is_searched: bool
-    points: tuple[Point, ...]
+    points: tuple[ProfilePoint, ...]
 
     @property
     def below(self) -> Side:
@@ -101,7 +101,7 @@ class Optimum:
     high: Array
 
 
-def linear(optimum: Optimum, index: int, deviation: float) -> tuple[Point, ...]:
+def linear(optimum: Optimum, index: int, deviation: float) -> tuple[ProfilePoint, ...]:
     """Return the profile of one number for residuals that are linear in all; no simulation.
 
     Parameters
@@ -118,7 +118,7 @@ def linear(optimum: Optimum, index: int, deviation: float) -> tuple[Point, ...]:
 
 def searched(
     rows_at: Rows, optimum: Optimum, index: int, deviation: float, most: int = 4
-) -> tuple[Point, ...]:
+) -> tuple[ProfilePoint, ...]:
     """Return the profile of one number, each point searched from the one before.
 
     The derivatives are those of the optimum.
@@ -140,7 +140,7 @@ def searched(
     direction = inverse[:, index] / inverse[index, index]
     unit = 0.5 * deviation**2 / float(inverse[index, index])
     base = _data(optimum.rows), 0.5 * float(optimum.x @ optimum.x)
-    found: list[Point] = []
+    found: list[ProfilePoint] = []
     for sign in (-1.0, 1.0):
         x, before = optimum.x, float(optimum.x[index])
         for step in STEPS:
@@ -155,7 +155,7 @@ def searched(
             x, rows = _follow(rows_at, start, rows, index, optimum, most, _ENOUGH * unit)
             before = target
             data, prior = _data(rows) - base[0], 0.5 * float(x @ x) - base[1]
-            found.append(Point(sign * step, target, (data + prior) / unit, data / unit))
+            found.append(ProfilePoint(sign * step, target, (data + prior) / unit, data / unit))
     return tuple(sorted(found, key=lambda p: p.at))
 
 
@@ -203,7 +203,7 @@ def _curvature(jacobian: Array, weight: Array) -> Array:
     return np.asarray(jacobian.T @ (weight[:, None] * jacobian) + np.eye(jacobian.shape[1]))
 
 
-def _side(points: Sequence[Point]) -> Side:
+def _side(points: Sequence[ProfilePoint]) -> Side:
     if not points:
         return "bound"
     if min(p.rise for p in points) < -_NONE:

@@ -10,18 +10,18 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.errors import SoroError
 from soro_core.model import SoftArm
-from soro_lab.identification.arm.cases.case import Path, clock
+from soro_lab.identification.arm.cases.case import ArmMotion, clock
 from soro_lab.identification.arm.cases.initial_conditions import is_of_run
 from soro_lab.identification.arm.cases.parameters import is_of_robot
 from soro_lab.identification.arm.search.problem import Problem, Shown, seen_in
-from soro_lab.identification.search import Search, Settings
+from soro_lab.identification.search import Search, SearchSettings
 
 # Step of the derivatives, in deviations of the prior: above the round-off of a simulation.
 _STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Solution:
+class FitSolution:
     """Outcome of `solve`.
 
     Attributes
@@ -56,7 +56,7 @@ def solve(
     tolerance: float = 1e-5,
     progress: Callable[[float], None] = lambda cost: None,
     secant: bool = False,
-) -> Solution:
+) -> FitSolution:
     """Find the most likely numbers: soft least squares over all rows, and the prior.
 
     Parameters
@@ -71,7 +71,7 @@ def solve(
     progress : callable
         Called with the least cost so far after each simulation of all cases.
     secant : bool
-        Take derivatives once (`Settings.secant`).
+        Take derivatives once (`SearchSettings.secant`).
 
     Raises
     ------
@@ -80,10 +80,10 @@ def solve(
     """
     low, high = problem.bounds
     x0 = np.clip(problem.position(start or {}), low + 1e-9, high - 1e-9)
-    return _searched(problem, x0, Settings(most=most, tolerance=tolerance, secant=secant), progress)
+    return _searched(problem, x0, SearchSettings(most=most, tolerance=tolerance, secant=secant), progress)
 
 
-def evaluated(problem: Problem, values: Mapping[str, float]) -> Solution:
+def evaluated(problem: Problem, values: Mapping[str, float]) -> FitSolution:
     """Return the solution that given numbers are, without a search."""
     return _searched(problem, np.clip(problem.position(values), *problem.bounds), None)
 
@@ -91,15 +91,15 @@ def evaluated(problem: Problem, values: Mapping[str, float]) -> Solution:
 def _searched(
     problem: Problem,
     x0: Array,
-    settings: Settings | None,
+    settings: SearchSettings | None,
     progress: Callable[[float], None] = lambda cost: None,
-) -> Solution:
+) -> FitSolution:
     rows = _Rows(problem)
-    chosen = replace(settings or Settings(), step=_STEP, squares=len(x0), scale=1.0, workers=None)
+    chosen = replace(settings or SearchSettings(), step=_STEP, squares=len(x0), scale=1.0, workers=None)
     search = Search(rows.at, x0, rows.first(x0), problem.bounds, chosen, progress, rows.beside)
     found = search.run() if settings else search.here()
     own = slice(0, len(found.residuals) - len(x0))
-    return Solution(
+    return FitSolution(
         problem.value(found.x),
         found.x,
         found.residuals[own],
@@ -121,7 +121,7 @@ class _Motion:
     arm : SoftArm
     runs, clocks : tuple of bytes
         Of each case, those of its run, and of when its samples were taken.
-    paths : tuple of Path
+    paths : tuple of ArmMotion
     does : list of lists of arrays
         Of `Problem.predict`.
     """
@@ -130,7 +130,7 @@ class _Motion:
     arm: SoftArm
     runs: tuple[bytes, ...]
     clocks: tuple[bytes, ...]
-    paths: tuple[Path, ...]
+    paths: tuple[ArmMotion, ...]
     does: Shown
 
 

@@ -38,8 +38,8 @@ def swinging(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
         changes = {**dict.fromkeys(scaled, factor), **dict.fromkeys(damped, float(np.sqrt(factor)))}
         return {name: value * changes.get(name, 1.0) for name, value in given.items()}
 
-    begun = ({**middle, **values}, middle) if values else (middle,)
-    starts = [start(given, float(factor)) for given in begun for factor in _FACTORS]
+    given_starts = ({**middle, **values}, middle) if values else (middle,)
+    starts = [start(given, float(factor)) for given in given_starts for factor in _FACTORS]
     with ThreadPoolExecutor() as pool:  # simulations run beside each other
         costs = list(pool.map(problem.cost, starts))
     return starts[int(np.argmin(costs))]

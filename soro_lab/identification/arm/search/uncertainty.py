@@ -18,7 +18,7 @@ from scipy.linalg import solve_triangular
 from soro_core.arrays import Array
 from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot
 from soro_lab.identification.arm.search.problem import Problem
-from soro_lab.identification.arm.search.solve import Solution
+from soro_lab.identification.arm.search.solve import FitSolution
 
 # Data that leave a number more than this share of its doubt before any data do not determine it.
 UNDETERMINED = 0.5
@@ -29,7 +29,7 @@ _NAMED = 0.5
 
 
 @dataclass(frozen=True)
-class Certainty:
+class Uncertainty:
     """How sure the numbers of a solution are.
 
     Attributes
@@ -51,13 +51,13 @@ class Certainty:
     at_bound: tuple[str, ...]
 
 
-def certainty(problem: Problem, solution: Solution) -> Certainty:
+def certainty(problem: Problem, solution: FitSolution) -> Uncertainty:
     """Return how sure the numbers of a solution are.
 
     Parameters
     ----------
     problem : Problem
-    solution : Solution
+    solution : FitSolution
     """
     covariance = _covariance(problem, solution)
     spread = np.sqrt(np.diag(covariance))
@@ -70,10 +70,10 @@ def certainty(problem: Problem, solution: Solution) -> Certainty:
         if x - a < _AT_BOUND or b - x < _AT_BOUND
     ]
     deviations = {n.name: float(s) * n.doubt for n, s in zip(numbers, spread, strict=True)}
-    return Certainty(deviations, correlation, _undetermined(numbers, covariance), tuple(at_bound))
+    return Uncertainty(deviations, correlation, _undetermined(numbers, covariance), tuple(at_bound))
 
 
-def not_determined(problem: Problem, solution: Solution) -> dict[str, tuple[str, ...]]:
+def not_determined(problem: Problem, solution: FitSolution) -> dict[str, tuple[str, ...]]:
     """Return numbers of the robot to be fixed so that the data determine the others, with what stays open.
 
     The least certain number goes first; the covariance of the others is that with those fixed.
@@ -81,7 +81,7 @@ def not_determined(problem: Problem, solution: Solution) -> dict[str, tuple[str,
     Parameters
     ----------
     problem : Problem
-    solution : Solution
+    solution : FitSolution
     """
     free = list(range(len(problem.numbers)))
     found: dict[str, tuple[str, ...]] = {}
@@ -97,7 +97,7 @@ def not_determined(problem: Problem, solution: Solution) -> dict[str, tuple[str,
         del free[worst]
 
 
-def _covariance(problem: Problem, solution: Solution, free: Sequence[int] | None = None) -> Array:
+def _covariance(problem: Problem, solution: FitSolution, free: Sequence[int] | None = None) -> Array:
     """Covariance of x, or of those of its numbers that are free."""
     if free is not None:
         own = list(free)

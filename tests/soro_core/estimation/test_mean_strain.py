@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from soro_core import SoftArm, load_robot
 from soro_core.config import find_config
-from soro_core.estimation.mean_strain import Uneven
+from soro_core.estimation.mean_strain import MeanStrain
 from soro_core.model.equilibrium.statics import equilibrium
 
 REFERENCE = np.array([0.08, 8.0, 6.0])
@@ -30,7 +30,7 @@ def test_an_imu_on_a_loaded_link_sees_the_mean_strain(robot, load_kg, s):
         pose, jacobian = arm.pose_and_jacobian(q, arm.length)
         missing = fine.pose(rest, arm.length)[:3, 3] - pose[:3, 3]
         q += np.linalg.solve(pose[:3, :3] @ jacobian[3:], missing)
-    shape = Uneven(arm).at(q, pressure, np.zeros(arm.n_internal), s * arm.length)
+    shape = MeanStrain(arm).at(q, pressure, np.zeros(arm.n_internal), s * arm.length)
     seen = fine.pose(rest, s * arm.length)[:3, :3]
 
     def off(coordinates):

@@ -5,7 +5,7 @@ import pytest
 
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation.config import LearnerConfig
-from soro_core.adaptation.learner import Learner, Sample
+from soro_core.adaptation.learner import Learner, LearnerSample
 from soro_core.config import find_config
 from soro_core.model.equilibrium.statics import equilibrium
 
@@ -29,8 +29,8 @@ def learned(learner, deviation, covariance, start):
     force = arm.gravity_force(start) + arm.elastic_force(start)
     pressure = np.linalg.lstsq(arm.actuation_matrix(zero), force, rcond=None)[0]
     q = start + deviation
-    samples = {name: zero for name in ("qdd",) if name in Sample.__dataclass_fields__}
-    sample = Sample(
+    samples = {name: zero for name in ("qdd",) if name in LearnerSample.__dataclass_fields__}
+    sample = LearnerSample(
         q=q, qd=zero, pressure_pa=pressure, creep=np.zeros(arm.n_internal), covariance=covariance, **samples
     )
     for _ in range(400):

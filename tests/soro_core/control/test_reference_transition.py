@@ -65,21 +65,21 @@ def test_limits_hold_and_nothing_jumps_whatever_is_asked_for(basis, data):
     limits = BOUNDS[basis]
     fields, T = limits.fields, limits.smoothing_s
     asked, dt = data.draw(messages(limits))
-    passage, t = (
+    transition, t = (
         begin(limits, np.zeros(limits.strain.size), Hold(np.zeros(limits.strain.size)), 0.0, 1.0),
         0.0,
     )
-    before = point(limits, passage)
+    before = point(limits, transition)
     for target, seconds, within_s in asked:
-        passage = redirect(limits, passage, target, t, within_s)
-        # The point in force is the one that the new passage starts from.
-        start = point(limits, passage)
+        transition = redirect(limits, transition, target, t, within_s)
+        # The point in force is the one that the new transition starts from.
+        start = point(limits, transition)
         for one, two, size in zip(astuple(start), astuple(before), (1.0, 1 / T, 1 / T**2), strict=True):
             assert np.all(np.abs(one - two) <= 1e-9 * size * limits.strain)
         for _ in range(max(1, round(seconds / dt))):
             t += dt
-            passage = advance(limits, passage, t, dt)
-            now = point(limits, passage)
+            transition = advance(limits, transition, t, dt)
+            now = point(limits, transition)
             assert np.all(fields.peaks(now.q) <= limits.strain * (1 + 1e-9))
             assert np.all(fields.peaks(now.qd) <= limits.rate * (1 + 1e-6) + 1e-9 * limits.strain / T)
             assert np.all(
@@ -109,13 +109,13 @@ def test_what_was_asked_for_last_is_reached(basis, data):
     asked, _ = data.draw(messages(limits))
     goal = data.draw(references(limits).filter(lambda one: isinstance(one, Hold)))
     zero = np.zeros(limits.strain.size)
-    passage, t = begin(limits, zero, Hold(zero), 0.0, 1.0), 0.0
+    transition, t = begin(limits, zero, Hold(zero), 0.0, 1.0), 0.0
     for target, seconds, within_s in [*asked, (goal, 60.0, 0.2)]:
-        passage = redirect(limits, passage, target, t, within_s)
+        transition = redirect(limits, transition, target, t, within_s)
         for _ in range(max(1, round(seconds / 0.02))):
             t += 0.02
-            passage = advance(limits, passage, t, 0.02)
-    end = point(limits, passage)
+            transition = advance(limits, transition, t, 0.02)
+    end = point(limits, transition)
     assert np.all(np.abs(end.q - limits.fields.within(goal.q, limits.strain)) <= 1e-9 * limits.strain)
     assert np.all(np.abs(end.qd) <= 1e-9 * limits.strain)
 
@@ -125,27 +125,27 @@ def test_a_target_within_the_limits_is_followed_exactly_after_the_way_to_it():
     across, along = (limits.fields.of(name) for name in ("bending_x", "bending_y"))
     circle = Circle(0.1 * limits.fields.of("elongation"), across, along, 5.0, 4.0, 0.3)
     zero = np.zeros(limits.strain.size)
-    passage = redirect(limits, begin(limits, zero, Hold(zero), 0.0, 1.0), circle, 0.0, 1.0)
+    transition = redirect(limits, begin(limits, zero, Hold(zero), 0.0, 1.0), circle, 0.0, 1.0)
     for k in range(1, 801):
-        passage = advance(limits, passage, k * DT, DT)
-    for one, two in zip(astuple(point(limits, passage)), astuple(circle.sample(4.0)), strict=True):
+        transition = advance(limits, transition, k * DT, DT)
+    for one, two in zip(astuple(point(limits, transition)), astuple(circle.sample(4.0)), strict=True):
         assert one.tolist() == two.tolist()
 
 
 @pytest.mark.parametrize("h", [0.1, 1.0])
 def test_derivatives_against_differences(h):
-    """Of a passage that is nowhere at its limits: q, qd and qdd belong together, at every step."""
+    """Of a transition that is nowhere at its limits: q, qd and qdd belong together, at every step."""
     limits, step = BOUNDS[0], h * BOUNDS[0].smoothing_s
     zero = np.zeros(limits.strain.size)
-    passage = redirect(
+    transition = redirect(
         limits, begin(limits, zero, Hold(zero), 0.0, 1.0), Hold(0.05 * limits.strain), 0.0, 3.0
     )
-    here, fine = advance(limits, passage, step, step), 1e-5
+    here, fine = advance(limits, transition, step, step), 1e-5
     parts = [point(limits, advance(limits, here, step + x, x)) for x in (fine, 2 * fine, 3 * fine)]
     assert parts[1].qd == pytest.approx((parts[2].q - parts[0].q) / (2 * fine), rel=1e-4)
     assert parts[1].qdd == pytest.approx((parts[2].qd - parts[0].qd) / (2 * fine), rel=1e-4)
     # One step and many end in the same place.
-    many = passage
+    many = transition
     for k in range(1, 11):
         many = advance(limits, many, k * step / 10, step / 10)
     assert point(limits, many).q == pytest.approx(point(limits, here).q, rel=1e-6)

@@ -1,4 +1,4 @@
-"""The uneven bend of a link under load: what constant strains lack, and who gets it."""
+"""The non-uniform strain of a link under load: the unmodelled force of constant strains, and who gets it."""
 
 from dataclasses import replace
 
@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, load_robot
-from soro_core.adaptation import Learned, Learner, Sample
+from soro_core.adaptation import Learned, Learner, LearnerSample
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.scales import scales_of
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig, Point
 from soro_core.control.laws.protocol import ArmBelief, Preview
-from soro_core.control.nonuniform_strain import Uneven, bends_unevenly
+from soro_core.control.nonuniform_strain import NonuniformStrain, has_nonuniform_strain
 from soro_core.model.discretised import discretised
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Discretisation
@@ -30,10 +30,10 @@ def still(q):
 
 
 def found(q, mass_kg):
-    uneven = Uneven(ARM)
-    state = uneven.initial_state()
+    nonuniform = NonuniformStrain(ARM)
+    state = nonuniform.initial_state()
     for _ in range(16):  # finds every slope anew
-        state, force = uneven.step(state, still(q), mass_kg)
+        state, force = nonuniform.step(state, still(q), mass_kg)
     return force
 
 
@@ -60,18 +60,21 @@ def test_a_finer_arm_rests_where_the_coordinates_put_its_tip():
 
 
 def test_its_pressures_accelerate_the_uneven_arm_as_wanted():
-    uneven, wanted = Uneven(ARM), Point(BENT, np.array([0.1, -10.0, 5.0]), np.array([1.0, 200.0, -100.0]))
-    state = uneven.initial_state()
+    nonuniform, wanted = (
+        NonuniformStrain(ARM),
+        Point(BENT, np.array([0.1, -10.0, 5.0]), np.array([1.0, 200.0, -100.0])),
+    )
+    state = nonuniform.initial_state()
     for _ in range(16):
-        state, lacking = uneven.step(state, wanted, 0.0)
+        state, unmodelled = nonuniform.step(state, wanted, 0.0)
     q, qd, qdd = wanted.q, wanted.qd, wanted.qdd
     even = ARM.inverse_dynamics(q, qd, qd, qdd) + ARM.elastic_force(q)
-    pressure = np.linalg.solve(ARM.actuation_matrix(q), even + lacking.force)
-    x = uneven.spread @ q + state.deviation
-    made = uneven.varying.forward_dynamics(x, state.moves @ qd, pressure)
+    pressure = np.linalg.solve(ARM.actuation_matrix(q), even + unmodelled.force)
+    x = nonuniform.spread @ q + state.deviation
+    made = nonuniform.varying.forward_dynamics(x, state.moves @ qd, pressure)
     expected = state.moves @ qdd
-    np.testing.assert_allclose(made / uneven.varying_unit, expected / uneven.varying_unit, atol=0.05)
-    assert np.abs(expected / uneven.varying_unit).max() > 10.0
+    np.testing.assert_allclose(made / nonuniform.varying_unit, expected / nonuniform.varying_unit, atol=0.05)
+    assert np.abs(expected / nonuniform.varying_unit).max() > 10.0
 
 
 def test_its_changes_by_mass_and_coordinates_are_differences():
@@ -84,22 +87,22 @@ def test_its_changes_by_mass_and_coordinates_are_differences():
 
 
 def test_one_step_a_tick_follows_a_line():
-    uneven = Uneven(ARM)
-    state = uneven.initial_state()
+    nonuniform = NonuniformStrain(ARM)
+    state = nonuniform.initial_state()
     for k in range(200):
         q = np.array([0.06, -7.0 + 0.07 * k, 0.0])
-        state, force = uneven.step(state, still(q), 2.0 * LOAD_KG)
-    np.testing.assert_allclose(force.force / UNIT, uneven.away(still(q), 2.0 * LOAD_KG) / UNIT, atol=0.01)
+        state, force = nonuniform.step(state, still(q), 2.0 * LOAD_KG)
+    np.testing.assert_allclose(force.force / UNIT, nonuniform.away(still(q), 2.0 * LOAD_KG) / UNIT, atol=0.01)
     assert np.abs(force.force / UNIT).max() > 0.5
 
 
 def test_a_mass_far_beyond_the_arm_leaves_a_bounded_shape():
-    uneven = Uneven(ARM)
-    state = uneven.initial_state()
+    nonuniform = NonuniformStrain(ARM)
+    state = nonuniform.initial_state()
     for _ in range(60):
-        state, force = uneven.step(state, still(BENT), 0.5)
+        state, force = nonuniform.step(state, still(BENT), 0.5)
         assert np.isfinite(force.force).all()
-    assert np.abs(state.deviation / uneven.varying_unit).max() <= 2.0
+    assert np.abs(state.deviation / nonuniform.varying_unit).max() <= 2.0
 
 
 @pytest.mark.parametrize(
@@ -112,7 +115,7 @@ def test_a_mass_far_beyond_the_arm_leaves_a_bounded_shape():
     ],
 )
 def test_it_is_of_arms_whose_chambers_and_link_ends_determine_constant_strains(robot, model, bends):
-    assert bends_unevenly(discretised(load_robot(find_config(robot, "robots")), model)) is bends
+    assert has_nonuniform_strain(discretised(load_robot(find_config(robot, "robots")), model)) is bends
 
 
 def test_a_strain_that_varies_bends_by_itself():
@@ -120,29 +123,29 @@ def test_a_strain_that_varies_bends_by_itself():
     link = {**fields(ROBOT.links[0]), "damping": None, "creep": []}
     arm = SoftArm(ROBOT.replace(links=[{**link, "strains": dict.fromkeys(ROBOT.links[0].strains, mode)}]))
     assert arm.n_q == 3
-    assert not bends_unevenly(arm)
+    assert not has_nonuniform_strain(arm)
 
 
-def circling(uneven, state, k):
+def circling(nonuniform, state, k):
     """The sample of an arm with a load on a circle, and what the law knows at a mass of 0."""
     q = np.array([0.07, 10.0 * np.cos(0.02 * k), 10.0 * np.sin(0.02 * k)])
-    state, known = uneven.step(state, still(q), 0.0)
-    force = at_rest(ARM, q, LOAD_KG) + uneven.away(still(q), LOAD_KG) if k % 20 == 0 else None
+    state, known = nonuniform.step(state, still(q), 0.0)
+    force = at_rest(ARM, q, LOAD_KG) + nonuniform.away(still(q), LOAD_KG) if k % 20 == 0 else None
     return q, state, known, force
 
 
 def test_the_learner_finds_the_mass_of_an_uneven_arm():
-    """Constant strains take the uneven bend for a heavier load and a W of the circle."""
-    uneven, learner = Uneven(ARM), Learner(ARM, LearnerConfig(noise=0.05, forget_s=1e3))
+    """Constant strains take the non-uniform strain for a heavier load and a W of the circle."""
+    nonuniform, learner = NonuniformStrain(ARM), Learner(ARM, LearnerConfig(noise=0.05, forget_s=1e3))
     masses, none = [], np.zeros(ARM.n_internal)
     for told in (True, False):
-        shape, state = uneven.initial_state(), learner.initial_state()
+        shape, state = nonuniform.initial_state(), learner.initial_state()
         for k in range(315):
-            q, shape, known, force = circling(uneven, shape, k)
+            q, shape, known, force = circling(nonuniform, shape, k)
             if force is None:
                 continue
             pressure = np.linalg.solve(ARM.actuation_matrix(q), force)
-            at = Sample(q, np.zeros(3), pressure, none, np.zeros((3, 3)), known if told else None)
+            at = LearnerSample(q, np.zeros(3), pressure, none, np.zeros((3, 3)), known if told else None)
             state = learner.step(state, at, 0.1)
         masses.append(state.learned.mass_kg)
     print(f"masses: {1e3 * masses[0]:.2f} g told, {1e3 * masses[1]:.2f} g not told, {1e3 * LOAD_KG:g} g true")
@@ -159,7 +162,7 @@ def test_the_filter_gets_its_tangent():
     learner = replace(state.learner, learned=Learned(np.concatenate([[LOAD_KG], np.linspace(-1.0, 1.0, 12)])))
     state = replace(state, learner=learner)
     state, _, terms = law.step(state, belief, Preview(point, point, 0.0), 0.005)
-    at, learned = state.lacking.q, law.learner.force
+    at, learned = state.unmodelled.q, law.learner.force
     given, own = (learned.force(x, at, none, none) for x in (law.learned(state), learner.learned))
     np.testing.assert_allclose((given - own) / UNIT, terms["uneven"] / UNIT, atol=1e-9)
     assert np.abs(terms["uneven"] / UNIT).max() > 0.5
@@ -176,7 +179,9 @@ def test_a_plan_takes_it_where_the_path_is():
 
 
 def test_without_the_key_the_law_has_none():
-    config = parse({"law": "composite", "law_options": {"uneven": False}}, ControllerConfig, "test")
+    config = parse(
+        {"law": "composite", "law_options": {"nonuniform_strain": False}}, ControllerConfig, "test"
+    )
     controller = Controller(ROBOT, config)
     zero = np.zeros(3)
     force = controller.law.reference_force(controller.law.initial_state(), BENT, zero, zero)

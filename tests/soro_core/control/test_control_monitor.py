@@ -7,7 +7,7 @@ import pytest
 from soro_core import robot_from_dict
 from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.control_monitor import WatchState, update_monitor
+from soro_core.control.control_monitor import ControlMonitorState, update_monitor
 from soro_core.control.laws import Certainty
 
 DT = 0.005
@@ -21,29 +21,28 @@ def after(state, seconds, away=0.0, missing=NONE, event=""):
     return state
 
 
-def test_chambers_that_lack_pressure_are_named_after_half_a_second():
+def test_saturated_chambers_are_named_after_half_a_second():
     missing = np.array([12e3, 0.0, -3e3])
-    state = after(WatchState(), 0.49, missing=missing)
+    state = after(ControlMonitorState(), 0.49, missing=missing)
     assert state.note == ""
     state = after(state, 0.02, missing=missing)
-    assert "a lacks 12 kPa" in state.note
-    assert "c" in state.note
-    assert "3 kPa" in state.note
+    assert "pressure saturated: a needs 12 kPa more than its limit" in state.note
+    assert "c needs 3 kPa below its limit" in state.note
     assert "b " not in state.note
     assert after(state, 0.01, missing=missing + 100.0).note == state.note  # not another text each tick
     assert after(state, DT).note == ""
-    assert after(WatchState(), 5.0, missing=np.array([1e3, 0.0, 0.0])).note == ""
+    assert after(ControlMonitorState(), 5.0, missing=np.array([1e3, 0.0, 0.0])).note == ""
 
 
 def test_an_event_of_the_law_is_shown_for_some_seconds():
-    state = after(WatchState(), DT, event="prior restored")
+    state = after(ControlMonitorState(), DT, event="prior restored")
     assert after(state, 4.9).note == "prior restored"
     assert after(state, 5.1).note == ""
 
 
 @pytest.mark.parametrize("swinging", [False, True])
 def test_an_arm_has_fallen_over_when_its_tip_is_far_away_for_long(swinging):
-    state = after(WatchState(), 5.0, away=0.9)  # a loaded arm gets up
+    state = after(ControlMonitorState(), 5.0, away=0.9)  # a loaded arm gets up
     assert not state.fallen
     assert not after(state, 0.98, away=0.9).fallen
     assert not after(state, 20.0, away=0.4).fallen
@@ -90,7 +89,9 @@ def test_the_air_of_a_fallen_arm_goes_until_the_controller_starts_anew():
 
 @pytest.mark.parametrize("what", ["q", "pressure", "covariance"])
 def test_what_is_not_finite_is_counted_and_the_last_model_kept(what):
-    control = controller("composite", uneven=False)  # what the model knows of the bend follows the reference
+    control = controller(
+        "composite", nonuniform_strain=False
+    )  # what the model knows of the bend follows the reference
     sure = Certainty(1e-8 * np.eye(6), True)
     state, command = run(control, 1.0, certainty=sure)
     theta = command.learned.theta
@@ -111,4 +112,4 @@ def test_what_is_not_finite_is_counted_and_the_last_model_kept(what):
 
 
 def test_nothing_is_learned_of_a_filter_that_is_lost():
-    assert not run(controller("composite", uneven=False), 1.0)[1].learned.theta.any()
+    assert not run(controller("composite", nonuniform_strain=False), 1.0)[1].learned.theta.any()

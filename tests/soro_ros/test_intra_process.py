@@ -259,7 +259,7 @@ def test_a_command_that_is_handed_over_is_not_doubted_for_a_publisher_that_canno
     )
     stranger.create_publisher(String, "words", qos.SENSOR)
     process.readers(2)
-    wait_until(lambda: process.spun() and topic.trouble is not None, "the stranger in the graph")
+    wait_until(lambda: process.spun() and topic.conflict is not None, "the stranger in the graph")
     process.send("one", "two")
     wait_until(lambda: process.spun() and len(doubts) == 2, "the commands")
     assert doubts == [None, None]

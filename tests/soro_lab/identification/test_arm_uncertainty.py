@@ -7,7 +7,7 @@ from scipy.optimize import minimize
 from soro_core import load_robot
 from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.arm.search.problem import Problem
-from soro_lab.identification.arm.search.solve import Solution
+from soro_lab.identification.arm.search.solve import FitSolution
 from soro_lab.identification.arm.search.uncertainty import certainty
 from soro_lab.identification.recording.place import Place
 from soro_lab.identification.recording.streams import Marker
@@ -36,7 +36,7 @@ def found(errors):
         return np.sum(np.sqrt(1.0 + (errors + SLOPES @ x) ** 2) - 1.0) + 0.5 * x @ x
 
     x = minimize(cost, np.zeros(2), method="BFGS").x
-    return Solution({}, x, errors + SLOPES @ x, SLOPES, cost(x), True)
+    return FitSolution({}, x, errors + SLOPES @ x, SLOPES, cost(x), True)
 
 
 def independent(draw):

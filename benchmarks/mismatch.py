@@ -176,7 +176,7 @@ CASES = (
         {
             **WHOLE,
             "twin.payload_kg": 0.01,
-            "controller.reference.curvature_per_m": 3.5,
+            "controller.reference.curvature_per_m": 2.5,
             "controller.reference.mean_pressure_pa": 40e3,
         },
         robot=four_chambers,
@@ -264,8 +264,8 @@ def run(options: Options) -> str:
     ]
     return "\n\n".join(
         [
-            "The truth differs from the robot file in structure (`twin.plant`), all in lockstep, gains automatic: "
-            f"tip error RMS of the last {LAST_S:g} s, % of the length. Means of seeds "
+            "The truth differs from the robot file in structure (`twin.plant`), all in lockstep, gains "
+            f"automatic: tip error RMS of the last {LAST_S:g} s, % of the length. Means of seeds "
             f"{', '.join(map(str, seeds))}; notes of the last tick.",
             table(head, rows),
         ]

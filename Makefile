@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+QUICK  := "not process and not ros and not slow"
 
-.PHONY: run gallery identify check quick test pytest docs alicatlib colcon lint bench soak newest numerics clean
+.PHONY: run gallery identify check quick coverage test pytest docs alicatlib colcon lint bench soak newest numerics clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
@@ -23,7 +24,12 @@ check: $(VENV)/.installed-test
 
 quick: export PYTHONDONTWRITEBYTECODE =
 quick: $(VENV)/.installed-test
-	$(BIN)/pytest -n 2 --dist worksteal --quiet --durations=0 --durations-min=5 -m "not process and not ros and not slow"
+	$(BIN)/pytest -n 2 --dist worksteal --quiet --durations=0 --durations-min=5 -m $(QUICK)
+
+# Lines of soro_core that `make check` runs, without those of compiled kernels; some ten minutes.
+coverage: $(VENV)/.installed-test
+	$(BIN)/coverage run -m pytest -n 0 --quiet -m $(QUICK)
+	$(BIN)/coverage report --skip-covered
 
 # In parallel, because the tests do not use both cores all the time; a failure of one does not stop the other.
 test: $(VENV)/.installed-test

@@ -16,20 +16,21 @@ from benchmarks.options import Options
 from benchmarks.report import figure, table
 from soro_lab.identification import regulator_fit as air
 from soro_lab.identification.pump import (
-    FULL,
     InnerPI,
     PumpRun,
     errors,
     fit_pump,
     model_t63,
     pump_response,
-    read_pump_run,
 )
 from soro_lab.identification.recording import read_csv
+from soro_lab.identification.records import read_columns
 from soro_lab.identification.regulators.leak import find_leak
 from soro_lab.identification.regulators.sources import leak_runs
 from soro_lab.identification.steps import FoundSteps, Step, find_steps, read_pressures
 
+# Full duty cycle in recordings, 8 bit.
+FULL = 255.0
 TITLE = "Measured step responses"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 # Neither is published. Only the ratio of conductance to volume shows in a step, and of the supply nothing.
@@ -206,6 +207,19 @@ def offsets(found: FoundSteps) -> str:
         rows.append([line, len(steps), *(figure(float(np.median(v)) / 1e3, 2) for v in (low, high, noise))])
     header = ("line", "steps", "reading - set point, low, kPa", "the same, high, kPa", "noise, kPa")
     return table(header, rows)
+
+
+def read_pump_run(path: Path, control: InnerPI) -> PumpRun:
+    """Read a run with the columns Time [s], Target and Pressure [kPa gauge] and PWM [0 to 255]."""
+    columns = read_columns(path, ("Time", "Target", "Pressure", "PWM"))
+    return PumpRun(
+        path.stem,
+        control,
+        1e3 * float(columns["Target"][-1]),
+        columns["Time"],
+        1e3 * columns["Pressure"],
+        columns["PWM"] / FULL,
+    )
 
 
 def pump_runs(data: Path) -> list[PumpRun]:

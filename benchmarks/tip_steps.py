@@ -24,7 +24,7 @@ from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import ArmMotion
 from soro_lab.identification.recording import Columns, read_csv
-from soro_lab.identification.recording.sources.assumed_pressure import stated_pressure
+from soro_lab.identification.recording.sources.from_csv import stated_pressure
 
 # A ring-down is seen from so long after the step on until so long after it [s].
 RING_S = (0.15, 1.0)

@@ -142,7 +142,7 @@ def _valves(viewer: bool, page: bool, seconds: float) -> Turn | None:
         )
         summary = next(folder.glob(f"{_SCENE}-*/summary.json"), None)
         told = json.loads(summary.read_text()) if summary else {}
-        if told.get("verdict") not in ("good", "lost") or told["lateness_p99_ms"] is None:
+        if told.get("verdict") not in ("good", "poor", "lost") or told["lateness_p99_ms"] is None:
             return None
         return Turn(told["lateness_p50_ms"], told["lateness_p99_ms"], told["overruns"], *seen)
 

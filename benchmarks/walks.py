@@ -9,6 +9,8 @@ it. The walks, all of the scene `track_circle` after half a second:
   readings of the answers, the devices included; what moves the emulated time on is not: in real time the
   process of the emulator does that between cycles. The shortest of 40: no heartbeat is due in it.
 - `pose to state`: `Estimator.step` with one pose and what the law has learned. The longest of 40 ticks.
+- `scene key to node`: `load_scene` with one changed key, up to the parameters of the controller process. The
+  second of two: what is kept between scenes is known then.
 """
 
 from __future__ import annotations
@@ -143,10 +145,24 @@ def canopen_walk() -> Walk:
     return min(walks, key=len)
 
 
+def scene_walk() -> Walk:
+    """Return the walk of a key of a scene from its file to the parameters of a node."""
+    for _ in range(2):
+        walk = Walk()
+        with walk.taken():
+            load_scene(SCENE, {"controller.adapt": False}).controller_node()
+    return walk
+
+
 def walks() -> dict[str, Walk]:
     """Return all walks by name."""
     control, pose = loop_walks()
-    return {"control tick": control, "CANopen cycle": canopen_walk(), "pose to state": pose}
+    return {
+        "control tick": control,
+        "CANopen cycle": canopen_walk(),
+        "pose to state": pose,
+        "scene key to node": scene_walk(),
+    }
 
 
 def main(

@@ -18,7 +18,7 @@ import numpy as np
 from PIL import Image
 
 from soro_lab.scene import Scene
-from soro_lab.scene.listing import scenes_in, shipped_folder
+from soro_lab.scene.load import scenes_in, shipped_folder
 from soro_ros.pictures import film, panels
 from soro_ros.recordings import report
 
@@ -38,21 +38,17 @@ HEADER = """# Scene gallery
 
 Each scene below is a file that you can run, read and change:
 
-    soro scenes                                      # this list
+    soro scenes                                      # prints name and purpose of each
     soro run set_points                              # in real time; --set mode=lockstep: without deadlines
-    soro film runs/set_points-TIME                   # a film of your run
-    mkdir my_scenes                                  # a folder of your own,
+    soro film runs/set_points-TIME                   # film.gif of your run, in its folder
+    mkdir my_scenes                                  # a folder for your scenes,
     soro scenes set_points > my_scenes/mine.yaml     # with a copy to change,
     soro scenes --folder my_scenes                   # which is listed too
 
-The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
-its path in the last seconds), the path of its tip from above or the pressures, and the distance of the tip
-from its reference. The tip is the true one of the simulated arm. All of this page is made from the scenes, in
-lockstep, by
-
-    make gallery
-
-`tests/soro_ros/test_scenes.py` runs the first seconds of each scene.
+The pictures show three things: the arm at the end of its run (colours are pressures, grey is the reference of
+the tip, red its path in the last seconds); the path of its tip from above, or the pressures; and the distance of
+the tip from its reference. The tip is the true one of the simulated arm. `make gallery` runs the scenes in
+lockstep and makes this page from them; `tests/soro_ros/test_scenes.py` runs the first seconds of each.
 """
 
 

@@ -128,6 +128,9 @@ else:
         Only compiled code makes one, so that making one is cached as well.
         """
 
+        # The same as numba's property, which every call would enter.
+        _numba_type_ = structref.StructRefProxy._type
+
     @type_callable(Box)  # type: ignore[untyped-decorator]
     def _box_of(context: Any) -> Any:
         return lambda content: BoxType([("content", content)])

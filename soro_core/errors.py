@@ -122,7 +122,7 @@ class BagError(SoroError):
         super().__init__(": ".join(part for part in (self.file, place, text) if part))
 
 
-def short(value: object, limit: int = LONGEST) -> str:
+def short(value: object) -> str:
     """Return what was found as part of one line."""
     text = " ".join(repr(value).split())
-    return text if len(text) <= limit else text[: limit - 3] + "..."
+    return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."

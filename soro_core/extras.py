@@ -2,15 +2,40 @@
 
 `pip install soro` brings the model and the command line. CAN, serial lines and Modbus are the extra
 `hardware`, ROS and recordings the extra `ros`; `all` has these and more (docs/adr/0024-extras.md).
+
+`lazy` makes public names load their module at first use (PEP 562): a command that only reads a file, or a
+process that only transfers bytes, must not load numba and scipy.
 """
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
+from importlib import import_module
 from importlib.util import find_spec
+from typing import Any
 
 from soro_core.errors import ConfigError
+
+
+def lazy(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
+    """Return a ``__getattr__`` for a package.
+
+    Parameters
+    ----------
+    package : str
+        The package's own name, for the error.
+    homes : mapping
+        Module in which each public name lives.
+    """
+
+    def get(name: str) -> Any:
+        if name not in homes:
+            raise AttributeError(f"module {package!r} has no attribute {name!r}")
+        return getattr(import_module(homes[name]), name)
+
+    return get
+
 
 # Packages of each extra, by the name that is imported; "" is what every installation has.
 PACKAGES = {

@@ -19,10 +19,9 @@ import numpy as np
 
 from soro_core.arrays import Array, Flags
 from soro_core.errors import HardwareError
-from soro_hardware.latch import Latch
+from soro_hardware.latch import Latch, Lateness
 from soro_hardware.platform import PlatformBase, ReadingAge
 from soro_hardware.port import EMPTY_PA, BusStatistics, Exchange, Fault, Regulator
-from soro_hardware.reading_age import Lateness
 from soro_hardware.supervisor import SILENCE_S
 from soro_hardware.supervisor_client import Supervisor, TakenOverError, end, running
 
@@ -194,7 +193,7 @@ class Driver(Regulator, Generic[P]):
     @property
     def latched(self) -> tuple[Fault, ...]:
         """Faults that only `configure` clears."""
-        return tuple(self.latch)
+        return tuple(self.latch.values())
 
     def configure(self) -> None:
         with self._lock:
@@ -388,4 +387,4 @@ class Driver(Regulator, Generic[P]):
 
     @property
     def _lost_supervisor(self) -> bool:
-        return self.latch.has(*LOST)
+        return LOST in self.latch

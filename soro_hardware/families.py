@@ -11,10 +11,10 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from soro_core import registered
 from soro_core.config import find_config, parse, read_yaml
 from soro_core.errors import ConfigError
 from soro_core.extras import named_packages
@@ -125,8 +125,7 @@ Platform: TypeAlias = PlatformBase
 
 def names() -> tuple[str, ...]:
     """Return the names of all families: shipped ones first."""
-    others = sorted({entry.name for entry in entry_points(group=GROUP)} - FAMILIES.keys())
-    return (*FAMILIES, *others)
+    return registered.names_of(GROUP, FAMILIES)
 
 
 def find_family(name: str) -> Family:
@@ -139,22 +138,12 @@ def find_family(name: str) -> Family:
     """
     if name in FAMILIES:
         return FAMILIES[name]
-    found = entry_points(group=GROUP, name=name)
-    if not found:
-        raise ValueError(f"one of {', '.join(names())}")
-    return _loaded(next(iter(found)))
-
-
-def _loaded(entry: EntryPoint) -> Family:
-    others = ", ".join(name for name in names() if name != entry.name)
-    try:
-        family = entry.load()
-    except Exception as error:  # whatever another package does when it is imported
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(f"{others}; {entry.value} does not load ({reason})") from None
-    if not isinstance(family, Family):
-        raise ValueError(f"{others}; {entry.value} is no soro_hardware.families.Family")
+    family: Family = registered.load(GROUP, FAMILIES, name, _is_family, "soro_hardware.families.Family")
     return family
+
+
+def _is_family(found: Any) -> bool:
+    return isinstance(found, Family)
 
 
 def parse_platform(data: Mapping[str, Any], where: str) -> PlatformBase:

@@ -13,6 +13,7 @@ import numpy as np
 
 # Cycles before a schedule is found: the first ones come in a bunch, when the executor begins.
 UNSETTLED = 20
+_KEPT = 12_000  # latest cycles, for the percentiles
 
 
 class LoopTimer:
@@ -22,8 +23,6 @@ class LoopTimer:
     ----------
     period_s : float
         Nominal period.
-    keep : int
-        Number of latest cycles for the percentiles.
 
     Attributes
     ----------
@@ -32,9 +31,9 @@ class LoopTimer:
         Periods without a cycle, since there is a schedule.
     """
 
-    def __init__(self, period_s: float, keep: int = 12000) -> None:
+    def __init__(self, period_s: float) -> None:
         self._period = period_s
-        self._late = np.zeros(keep)
+        self._late = np.zeros(_KEPT)
         self._start: float | None = None
         self._scheduled = 0
         self.cycles = 0

@@ -157,14 +157,16 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 # `--dist loadgroup` does not do it: xdist 3.8 writes the group into `_nodeid`, which pytest 9.2 has not.
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give the runs of nodes to one worker but for long ones in lockstep, and the other tests one by one."""
+    """Give the runs of nodes to one worker but for long ones in lockstep, and the others file by file.
+
+    What the tests of a file share is then made once.
+    """
     from xdist.scheduler import LoadScopeScheduling
 
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            if nodeid.startswith(_LOCKSTEP):
-                return nodeid.split("::")[0]
-            return "nodes" if nodeid.startswith(_NODES) else nodeid
+            real_time = nodeid.startswith(_NODES) and not nodeid.startswith(_LOCKSTEP)
+            return "nodes" if real_time else nodeid.split("::")[0]
 
     config.option.loadscopereorder = False  # keeps `_ORDER`
     return Scheduling(config, log)

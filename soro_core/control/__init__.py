@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soro_core._lazy import lazy
+from soro_core.extras import lazy
 
 if TYPE_CHECKING:
     from soro_core.control.command import Command, ControllerState, ControllerStatus

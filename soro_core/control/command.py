@@ -16,6 +16,7 @@ from soro_core.arrays import Array
 from soro_core.control.bumpless import BumplessTransfer
 from soro_core.control.control_monitor import ControlMonitorState
 from soro_core.control.laws.protocol import Terms
+from soro_core.control.probing.procedure import ProbeState
 from soro_core.control.reference.active_reference import ActiveReference
 from soro_core.control.reference.trajectory import Hold, Point
 from soro_core.control.reference.underactuation import UnderactuatedState
@@ -50,6 +51,10 @@ class ControllerState:
         To the law of now from the one before a change of its keys.
     point : Point or None
         The reference at the last tick; None before the first tick.
+    probe : ProbeState or None
+        The probe before the law begins; None where there is none, or it is over. One that has refused stays.
+    probed : str
+        What the probe has found.
     """
 
     law: Any
@@ -64,6 +69,8 @@ class ControllerState:
     following: ActiveReference | None = None
     transfer: BumplessTransfer = field(default_factory=BumplessTransfer)
     point: Point | None = None
+    probe: ProbeState | None = None
+    probed: str = ""
 
 
 @dataclass(frozen=True)

@@ -221,6 +221,12 @@ class ControllerConfig(Strict):
         description="what a finding of the checks before ~/enable does; samples that are not fresh refuse "
         "with warn too; lockstep has no samples before it is enabled and is not checked",
     )
+    probe_at_enable: Literal["refuse", "warn", "off"] | None = Field(
+        None,
+        description="what a finding of the probe does: a small pressure in each chamber before the law begins "
+        "shows whether wiring, base and valves are those of the files; default: refuse in real time, off in "
+        "lockstep",
+    )
     enable: EnableBounds = Field(EnableBounds(), description="bounds of the checks before ~/enable")
 
     @field_validator("law")

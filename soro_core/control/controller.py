@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -14,7 +15,6 @@ from soro_core.control.bumpless import apply_transfer
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
 from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.control_monitor import ControlMonitorState, update_monitor
-from soro_core.control.creep import advance_creep
 from soro_core.control.external_references import GivenReferences
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.call import call_law
@@ -24,8 +24,10 @@ from soro_core.control.motions.motion import Planner
 from soro_core.control.motions.obstacles import obstacles_of
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
-from soro_core.control.pressures.actuation import CompletePressures, complete_pressures
+from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, with_own_range
 from soro_core.control.pressures.setpoints import SetpointMaker
+from soro_core.control.probing.plan import ProbedArm
+from soro_core.control.probing.procedure import Probe, ProbeSample, ProbeState
 from soro_core.control.reference.active_reference import follow, reference_ahead
 from soro_core.control.reference.trajectory import Point, Reference
 from soro_core.control.reference.underactuation import UnderactuatedReference, UnderactuatedState
@@ -49,8 +51,8 @@ class Controller(GivenReferences):
     model : Discretisation
         Discretisation of the robot; the attributes `arm` and `robot` are the discretised ones.
     pressures : CompletePressures, optional
-        The section of that name with what limits and regulators add; default: as
-        `soro_core.control.pressures.actuation.complete_pressures` has it without them.
+        The section of that name with what limits and regulators add; default: the range of the robot, and
+        as `soro_core.control.pressures.actuation.complete_pressures` has it without them.
 
     Raises
     ------
@@ -66,7 +68,7 @@ class Controller(GivenReferences):
         pressures: CompletePressures | None = None,
     ) -> None:
         self.config = config = config or ControllerConfig()
-        self.pressures = pressures or complete_pressures(config.pressures)
+        self.pressures = pressures or complete_pressures(with_own_range(config.pressures, robot))
         require_chambers(robot, "controller")
         self.arm = discretised(robot, model)
         robot = self.robot = self.arm.robot
@@ -105,7 +107,12 @@ class Controller(GivenReferences):
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
         self.obstacles = obstacles_of(self.arm, model.links)
         self.check_way(self.law.initial_state(), np.zeros(self.arm.n_q))
+        self.probe: Probe | None = None
         refuse_lost_arm(self.law, self.initial_state(), self.step)
+        if (how := config.probe_at_enable) in ("refuse", "warn"):
+            heaviest_kg = self.law.heaviest_kg()
+            probed = ProbedArm(self.arm, self.fields, self.limit, known, heaviest_kg, config.enable)
+            self.probe = Probe(probed, how == "warn")
 
     def initial_state(self, pressure_pa: Array | None = None) -> ControllerState:
         """Return the state before the first tick, at pressures (n_u,) [Pa gauge], 0 by default."""
@@ -120,6 +127,7 @@ class Controller(GivenReferences):
             shape=self.underactuated.initial_state(),
             saturated=np.zeros(self.arm.n_u, dtype=bool),
             regulators=self.observer.initial_state(start) if self.law.observes_regulators else None,
+            probe=None if self.probe is None else self.probe.initial_state(),
         )
 
     def step(
@@ -132,6 +140,7 @@ class Controller(GivenReferences):
         measured_pressure_pa: Array,
         reference: Reference | None = None,
         certainty: Certainty | None = None,
+        between: Callable[[], None] = lambda: None,
     ) -> tuple[ControllerState, Command]:
         """Return the command for the state (q, qd) at time `t`.
 
@@ -150,6 +159,9 @@ class Controller(GivenReferences):
         certainty : Certainty or None
             What the filter says of (q, qd); None where it has none, or has lost the arm: nothing is learned
             from the prediction error then.
+        between : callable
+            Called again and again at the end of the probe, with all set points at 0: it takes longer than a
+            tick.
 
         Returns
         -------
@@ -166,6 +178,9 @@ class Controller(GivenReferences):
         failure = input_error(q, qd, t, dt, self.arm.n_q)
         if failure:
             state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
+        elif self.probe is not None and state.probe is not None:
+            sample = ProbeSample(t, q, qd, np.asarray(measured_pressure_pa, dtype=np.float64))
+            return self._probed(self.probe.step(state.probe, sample, between), state)
         else:
             try:
                 return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference, certainty)
@@ -235,7 +250,7 @@ class Controller(GivenReferences):
             setpoint_pa=made.command_pa,
             model_pa=made.model_pa,
             wish_pa=wish.pressure_pa,
-            creep=advance_creep(self.arm, state.creep, q, qd, dt),
+            creep=self.arm.internal_midpoint(q, qd, state.creep, dt),
             saturated=made.at_bound,
             regulators=regulators and self.observer.commanded(regulators, made.command_pa),
             following=following,
@@ -254,8 +269,17 @@ class Controller(GivenReferences):
             tip_reference=tip_reference,
             saturated=made.at_bound,
             terms=terms,
-            status=ControllerStatus(True, "", after.watch.note),
+            status=ControllerStatus(True, "", "; ".join(filter(None, (after.watch.note, state.probed)))),
         )
+
+    def _probed(self, probe: ProbeState, state: ControllerState) -> tuple[ControllerState, Command]:
+        """Return what follows from a tick of the probe; one that has refused vents for good."""
+        over = probe.done and not probe.refusal
+        state = replace(
+            state, probe=None if over else probe, probed=probe.said, setpoint_pa=probe.setpoint_pa
+        )
+        note = probe.said if probe.done else "probing the chambers before the law begins"
+        return state, replace(self._held(state, "")[1], status=ControllerStatus(True, "", note))
 
     def _with_underactuated(
         self, state: ControllerState, given: Preview

@@ -20,7 +20,7 @@ from soro_core.control.controller import Controller
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.registry import options_of
 from soro_core.control.motions.references import check_configured, configured_reference
-from soro_core.control.pressures.actuation import CompletePressures, complete_pressures
+from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, with_own_range
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.reference.active_reference import reference_ahead
 from soro_core.control.reference.trajectory import Hold, Reference
@@ -93,7 +93,8 @@ def retune(
     ConfigError
         For a key that cannot change now, and for values that do not fit the robot.
     """
-    new = _with_keys(controller, config, pressures or complete_pressures(config.pressures))
+    own = with_own_range(config.pressures, controller.robot)
+    new = _with_keys(controller, config, pressures or complete_pressures(own))
     moves = _moves_otherwise(controller.config, new.config)
     if moves:
         following = state.following

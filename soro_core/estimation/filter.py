@@ -17,10 +17,10 @@ from soro_core._box import Box
 from soro_core.adaptation.learned import size_of
 from soro_core.arrays import Array
 from soro_core.errors import ModelError
-from soro_core.estimation.belief import Belief
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.kernel import entries
 from soro_core.estimation.kernel.advance import FUSED_POSES, N_RECORD, REFUSED, RESIDUALS
+from soro_core.estimation.kernel.belief import Belief
 from soro_core.estimation.kernel.parts import (
     IMU,
     IMU_ORIENTED,
@@ -138,11 +138,9 @@ class Filter:
         """
         if dt <= 0.0:
             return belief, True
-        theta, share = self._load(known)
-        old = belief.mean, belief.internal, belief.covariance
-        new = np.empty(old[0].shape), np.empty(old[1].shape), np.empty(old[2].shape)
-        code = entries.predict(self.box, theta, share, *old, pressure_pa, dt, *new)
-        return Belief(*new, self.n), code == GOOD
+        new = _room(belief)
+        code = entries.predict(self.box, self._load(known), belief[:], pressure_pa, dt, new)
+        return Belief(*new), code == GOOD
 
     def advance(
         self,
@@ -175,36 +173,15 @@ class Filter:
         """
         if not isinstance(sample, PoseSample):
             self._expect(belief, pressure_pa, sample.s, known.share)
-        theta, share = self._load(known)
-        site = self.site(sample.s)
-        kind, first, second, quaternion = _values(sample)
         record = self._unknown.copy() if record is None else record.copy()
-        old = belief.mean, belief.internal, belief.covariance
-        new = np.empty(old[0].shape), np.empty(old[1].shape), np.empty(old[2].shape)
+        values = (self.site(sample.s)[:], *_values(sample), sample.stamp_s, is_new, record)
+        new = _room(belief)
         code, outcome, nis, position_nis = entries.advance(
-            self.box,
-            theta,
-            share,
-            *old,
-            pressure_pa,
-            dt,
-            site.link,
-            site.place,
-            site.whole,
-            site.step,
-            site.shape,
-            kind,
-            first,
-            second,
-            quaternion,
-            sample.stamp_s,
-            is_new,
-            record,
-            *new,
+            self.box, self._load(known), belief[:], (pressure_pa, dt), values, new
         )
-        return Advanced(Belief(*new, self.n), code == GOOD, outcome, record, nis, position_nis)
+        return Advanced(Belief(*new), code == GOOD, outcome, record, nis, position_nis)
 
-    def _load(self, known: LearnedInput) -> tuple[Array, float]:
+    def _load(self, known: LearnedInput) -> entries.Known:
         """Return the learned model in force and its share."""
         return (self._nothing, 0.0) if known.learned is None else (known.learned.theta, known.share)
 
@@ -227,8 +204,14 @@ class Filter:
     def tip(self, belief: Belief, pressure_pa: Array) -> tuple[Array, Array, Array]:
         """Return pose of the tip (4, 4), its covariance (6, 6) in the world, and the force H p (n,)."""
         pose, spread, force = np.empty((4, 4)), np.empty((6, 6)), np.empty(self.n)
-        entries.tip(self.box, belief.mean, belief.covariance, pressure_pa, pose, spread, force)
+        entries.tip(self.box, belief[:], pressure_pa, pose, spread, force)
         return pose, spread, force
+
+
+def _room(belief: Belief) -> entries.Fields:
+    """Return the fields of a belief to be written."""
+    mean, internal, covariance, n = belief
+    return np.empty(mean.shape), np.empty(internal.shape), np.empty(covariance.shape), n
 
 
 def _values(sample: Sample) -> tuple[int, Array, Array, Array]:

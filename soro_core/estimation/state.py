@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from soro_core.arrays import Array
-from soro_core.estimation.belief import Belief
+from soro_core.estimation.kernel.belief import Belief
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.estimation.sensors.monitor import SensorMonitor
 from soro_core.estimation.sensors.samples import Sample

@@ -37,5 +37,5 @@ def unmeasured_covariance(filter_: Filter, q: Array, places: Sequence[float], un
     covariance = units.copy()
     for place in places:
         variance = (_SEEN_PART * filter_.arm.length) ** 2
-        entries.see(filter_.box, *filter_.site(place), q, variance, covariance)
+        entries.see(filter_.box, filter_.site(place), q, variance, covariance)
     return covariance

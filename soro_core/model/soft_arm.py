@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Literal
 
 import numpy as np
@@ -54,7 +54,7 @@ class SoftArm(ForwardDynamics):
         steps: int | None = None,
     ) -> None:
         refuse_unsupported(robot, method, nodes, steps)
-        self.robot = robot
+        self.robot, self._shaped = robot, partial(shaped, whose=robot.name)
         self.method = method
         self.nodes = default_nodes(robot) if nodes is None else int(nodes)
         self.steps = DEFAULT_STEPS if steps is None else int(steps)
@@ -139,8 +139,6 @@ class SoftArm(ForwardDynamics):
         entries.actuation(self._box, q, gradients)
         return np.ascontiguousarray(gradients.T)
 
-    pressure_matrix = actuation_matrix
-
     def pressure_force(self, q: ArrayLike, p: ArrayLike) -> Array:
         """Generalised force (n_q,) of gauge pressures p (n_u,) [Pa]: H times the effective pressures."""
         return np.asarray(self.actuation_matrix(q) @ self.acting_pressure(p))
@@ -179,7 +177,7 @@ class SoftArm(ForwardDynamics):
     def internal_midpoint(self, q: ArrayLike, qd: ArrayLike, internal_state: ArrayLike, dt: float) -> Array:
         """Internal states (n_internal,) after `dt` [s] at held rates, by the midpoint rule.
 
-        A state that would not be finite keeps its value.
+        A state that would not be finite keeps its value. An arm without any computes nothing.
 
         Parameters
         ----------
@@ -190,6 +188,8 @@ class SoftArm(ForwardDynamics):
         dt : float
             Time step [s].
         """
+        if self.n_internal == 0:
+            return self._no_internal
         _, qd = self._state(q, qd)
         z = self._vector(internal_state, self.n_internal, "internal")
         new = np.empty(self.n_internal)

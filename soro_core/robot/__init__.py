@@ -1,9 +1,8 @@
 """Frozen description of a robot and its strict loading."""
 
 from soro_core.robot.basis import shape_integrals, shape_values, strain_rows
-from soro_core.robot.calibration import Calibration, SensorBody
 from soro_core.robot.chamber import Chamber
-from soro_core.robot.description import Robot
+from soro_core.robot.description import Calibration, Robot, SensorBody
 from soro_core.robot.discretisation import Discretisation, with_basis
 from soro_core.robot.link import Creep, Hysteresis, Link, Material
 from soro_core.robot.load import load_robot, robot_from_dict

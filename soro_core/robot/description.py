@@ -9,11 +9,41 @@ from pydantic import Field, ValidationInfo, field_validator
 
 from soro_core.config import Floats, Strict, parse
 from soro_core.errors import ConfigError
-from soro_core.robot.calibration import Calibration
 from soro_core.robot.link import Link
 from soro_core.robot.parts import check_split, fields, plain, scaled_link, split_link
 from soro_core.robot.surroundings import Contacts, PointMass, TipConstraint
 from soro_core.robot.vectors import Quaternion, Vector2, Vector3
+
+_NO_TURN = (0.0, 0.0, 0.0, 1.0)
+
+
+class SensorBody(Strict):
+    """A body, seen by the tracker, on a cross-section of the arm."""
+
+    at: float = Field(ge=0, le=1, description="the cross-section, in parts of the length of the arm")
+    offset_m: Vector3 = Field((0.0, 0.0, 0.0), description="its origin in the frame of the cross-section [m]")
+    quaternion: Quaternion = Field(
+        _NO_TURN, description="x, y, z, w of its axes in the frame of the cross-section"
+    )
+
+
+class Calibration(Strict):
+    """Frames of the measurement: of curvatures for comparisons alone, of poses for the estimator too."""
+
+    frame_rotation_rad: float = Field(
+        0.0, description="turns the model's curvature vector into the measured frame"
+    )
+    curvature_offset: Vector2 = Field(
+        (0.0, 0.0), description="measured curvature [1/m] of the straight robot"
+    )
+    tracker_position: Vector3 = Field(
+        (0.0, 0.0, 0.0), description="origin of the robot's world in the frame of the tracker [m]"
+    )
+    tracker_quaternion: Quaternion = Field(
+        _NO_TURN, description="x, y, z, w of the axes of the robot's world in the frame of the tracker"
+    )
+    bodies: Annotated[tuple[SensorBody, ...], Field(strict=False)] = ()
+
 
 # Round-off of a caller who adds up lengths [m].
 END_TOLERANCE = 1e-9

@@ -24,6 +24,9 @@ from soro_core.safety.limits import (
     check_rating,
     for_regulators,
     narrowed,
+    rating_of,
+    trips_above,
+    usable_range,
 )
 from soro_core.safety.monitor_state import MonitorState
 from soro_core.safety.names import Names, note_message
@@ -51,8 +54,11 @@ __all__ = [
     "narrowed",
     "note_message",
     "offer",
+    "rating_of",
     "request_vent",
     "reset",
     "slew",
+    "trips_above",
+    "usable_range",
     "why_stopped",
 ]

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 from pydantic import Field, model_validator
 
 from soro_core.config import Strict, with_changes
@@ -108,13 +111,47 @@ class Limits(Strict):
         return self
 
 
+# Highest set point of a robot's range that leaves room for the trips above it [Pa gauge].
+_HIGHEST_PA = 0.9 * HIGHEST_RATING_PA
+
+
+def usable_range(range_pa: Sequence[float]) -> tuple[float, float]:
+    """Return the lowest and highest set point of the range of a robot, with 0 to vent [Pa gauge]."""
+    low, high = range_pa
+    return max(min(low, 0.0), -HARD_LIMIT_PA), min(max(high, 0.0), _HIGHEST_PA)
+
+
+def rating_of(range_pa: Sequence[float]) -> Rating:
+    """Return the rating where there is no platform: the range of the robot [Pa gauge] is the bound."""
+    usual = Limits()
+    above = usual.over_pressure_pa / usual.maximum_pa
+    return Rating(maximum_pa=max(HARD_LIMIT_PA, above * usable_range(range_pa)[1]))
+
+
+def trips_above(maximum_pa: float) -> dict[str, Any]:
+    """Return the trips above a highest set point [Pa gauge], by key, in the proportions of the defaults.
+
+    A monitor is there only where its default is too narrow.
+    """
+    usual = Limits()
+    part, monitors = maximum_pa / usual.maximum_pa, usual.monitors
+    burst_pa, model_pa = usual.burst_pressure_pa * part, min(monitors.model_pa * part, 30e3)
+    wider = {}
+    if monitors.short_circuit_pa <= 1.2 * burst_pa:
+        wider["short_circuit_pa"] = monitors.short_circuit_pa * part
+    if model_pa > monitors.model_pa:
+        wider["model_pa"] = model_pa
+    found = {"over_pressure_pa": usual.over_pressure_pa * part, "burst_pressure_pa": burst_pa}
+    return found | ({"monitors": wider} if wider else {})
+
+
 # Limits that can become narrower while pressures are on, without a step of a set point or a trip; those that
 # are lower bounds.
 NARROWED = ("minimum_pa", "maximum_pa", "rise_pa_s", "fall_pa_s")
 _LEAST = ("minimum_pa",)
 
 
-def narrowed(limits: Limits, wanted: Limits, where: str, key: str = "limits") -> Limits:
+def narrowed(limits: Limits, wanted: Limits, where: str) -> Limits:
     """Return limits with the range and the rates of others that are nowhere wider.
 
     Parameters
@@ -123,8 +160,8 @@ def narrowed(limits: Limits, wanted: Limits, where: str, key: str = "limits") ->
         Limits as configured.
     wanted : Limits
         Limits from now on.
-    where, key : str
-        Node and key of the limits in errors.
+    where : str
+        Node in errors.
 
     Raises
     ------
@@ -138,7 +175,7 @@ def narrowed(limits: Limits, wanted: Limits, where: str, key: str = "limits") ->
             continue
         side = ("at least " if is_least else "at most ") if name in NARROWED else ""
         allowed = f"{side}{now}, as configured; another value {NEXT_CONFIGURE}"
-        raise ConfigError(where, f"{key}.{name}", later, allowed)
+        raise ConfigError(where, f"limits.{name}", later, allowed)
     return with_changes(limits, **{name: getattr(wanted, name) for name in NARROWED})
 
 
@@ -172,7 +209,7 @@ def for_regulators(limits: Limits, update_hz: float, reading_age_s: float, where
     return with_changes(limits, reading_age_s=age_s)
 
 
-def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits") -> None:
+def check_rating(limits: Limits, rating: Rating, where: str) -> None:
     """Refuse limits beyond a platform's rating.
 
     Parameters
@@ -181,8 +218,8 @@ def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits"
         Limits of commands and readings.
     rating : Rating
         Rating of the platform.
-    where, key : str
-        File and key of the limits in errors.
+    where : str
+        File in errors.
 
     Raises
     ------
@@ -193,13 +230,13 @@ def check_rating(limits: Limits, rating: Rating, where: str, key: str = "limits"
     rated = f"the platform is rated for {rating.minimum_pa:g} to {top:g} Pa"
     if limits.maximum_pa >= top:
         allowed = f"input should be less than {top:g}: {rated}"
-        raise ConfigError(where, f"{key}.maximum_pa", limits.maximum_pa, allowed)
+        raise ConfigError(where, "limits.maximum_pa", limits.maximum_pa, allowed)
     for name, value, most in (
         ("over_pressure_pa", limits.over_pressure_pa, OVER_PRESSURE * top),
         ("burst_pressure_pa", limits.burst_pressure_pa, BURST * top),
     ):
         if value > most:
-            raise ConfigError(where, f"{key}.{name}", value, f"at most {most:g}: {rated}")
+            raise ConfigError(where, f"limits.{name}", value, f"at most {most:g}: {rated}")
     if limits.minimum_pa < rating.minimum_pa:
         allowed = f"at least {rating.minimum_pa:g}: {rated}"
-        raise ConfigError(where, f"{key}.minimum_pa", limits.minimum_pa, allowed)
+        raise ConfigError(where, "limits.minimum_pa", limits.minimum_pa, allowed)

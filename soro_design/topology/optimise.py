@@ -17,8 +17,8 @@ from soro_design.topology.domain import Domain, analysis, make_domain
 from soro_design.topology.flood import flood
 from soro_design.topology.mma import Moves, mma_step, no_moves
 from soro_design.topology.physics.compliance import Compliance
-from soro_design.topology.physics.evaluation import Evaluation
 from soro_design.topology.physics.filter import density_filter, greyness, projection
+from soro_design.topology.physics.grid import Evaluation
 from soro_design.topology.physics.stroke import Stroke
 from soro_design.topology.shape import contour
 from soro_design.topology.task import Task

@@ -89,7 +89,7 @@ class CanopenRegulator(Driver[CanopenPlatform]):
     @property
     def latched(self) -> tuple[Fault, ...]:
         bus = () if self._watch.fault is None else (self._watch.fault,)
-        return bus + tuple(self.latch)
+        return (*bus, *self.latch.values())
 
     def counts(self) -> Mapping[str, int]:
         nodes, counts = self.nodes, self.link.counts

@@ -102,8 +102,8 @@ def guarded(node: int, state: NmtState, toggle: int) -> Frame:
     return Frame(HEARTBEAT_BASE + node, bytes((toggle << 7 | state,)))
 
 
-def emergency(node: int, code: int, register: int, manufacturer: bytes = bytes(5)) -> Frame:
-    """Return an emergency message.
+def emergency(node: int, code: int, register: int) -> Frame:
+    """Return an emergency message, without what a manufacturer may add.
 
     Parameters
     ----------
@@ -111,10 +111,8 @@ def emergency(node: int, code: int, register: int, manufacturer: bytes = bytes(5
         Node id.
     code, register : int
         Error code and error register.
-    manufacturer : bytes
-        Five bytes of the manufacturer.
     """
-    return Frame(EMCY_BASE + node, struct.pack("<HB5s", code, register, manufacturer))
+    return Frame(EMCY_BASE + node, struct.pack("<HB5x", code, register))
 
 
 def parse_emergency(data: bytes) -> Emergency | None:

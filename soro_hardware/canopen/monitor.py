@@ -9,10 +9,9 @@ from soro_core.errors import HardwareError
 from soro_hardware.canopen import frames
 from soro_hardware.canopen.cia408 import Control, ValveState, state_of
 from soro_hardware.canopen.config import CanopenPlatform
-from soro_hardware.canopen.device import Device, Pdo
+from soro_hardware.canopen.device import Device, Pdo, Scaling
 from soro_hardware.canopen.frames import EmcyCode, NmtState
 from soro_hardware.canopen.mapping import FixedScaling
-from soro_hardware.canopen.pdo import Scaling
 from soro_hardware.latch import Latch
 from soro_hardware.port import Fault
 from soro_hardware.transport.frame import Frame
@@ -148,18 +147,19 @@ class NodeMonitor:
         self._supply_ns: int | None = None
         self._supply, self._temperature = device.mapping.supply, device.mapping.temperature
         self.celsius = math.nan
+        self._rpdos = [(pdo, pdo.cob_id(node)) for pdo in device.rpdos]
         self._cyclic = frozenset(pdo.number for pdo in device.tpdos if pdo.cyclic)
         self._sent: dict[int, bytes] = {}
 
     @property
     def gone(self) -> bool:
         """Whether the node gives no answers until its next configuration."""
-        return any(self._latch.has(code, self.source) for code in _GONE)
+        return any((code, self.source) in self._latch for code in _GONE)
 
     @property
     def has_lost_host(self) -> bool:
         """Whether the node has reported an error of its communication, or has left OPERATIONAL."""
-        return self._reports_lost_host or self._latch.has("left_operational", self.source)
+        return self._reports_lost_host or ("left_operational", self.source) in self._latch
 
     def restart(self) -> None:
         """Reset everything but counts and the last pressures, before the configuration of the node."""
@@ -172,7 +172,7 @@ class NodeMonitor:
 
     def started(self) -> None:
         """Drop the fault `left_operational`, which an old heartbeat may have caused before the start."""
-        self._latch.drop("left_operational", self.source)
+        self._latch.pop(("left_operational", self.source), None)
 
     def begin_cycle(self, now_ns: int) -> None:
         """Start a cycle at a time [ns]; the first cycle starts the time limits."""
@@ -188,7 +188,7 @@ class NodeMonitor:
         A PDO with control words only is returned after a change, or with `repeat`.
         """
         sent = []
-        for pdo in self.device.rpdos:
+        for pdo, cob_id in self._rpdos:
             values = []
             for s in pdo.slots:
                 channel = self._by_channel.get(s.channel)
@@ -200,7 +200,7 @@ class NodeMonitor:
                     values.append(s.value)
             data = pdo.layout.pack(tuple(values))
             if pdo.cyclic or repeat or self._sent.get(pdo.number) != data:
-                sent.append(Frame(pdo.cob_id(self.node), data))
+                sent.append(Frame(cob_id, data))
                 self._sent[pdo.number] = data
         return sent
 

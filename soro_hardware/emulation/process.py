@@ -13,13 +13,20 @@ from soro_core.errors import HardwareError
 from soro_core.private_folder import make_private
 from soro_hardware.emulation.devices import EmulatedDevices
 from soro_hardware.emulation.endpoints import ENDPOINTS, PtyEndpoint, TcpEndpoint
-from soro_hardware.emulation.families import emulate
 from soro_hardware.emulation.faults.fault_types import Injection
 from soro_hardware.emulation.sockets.control import ControlServer
 from soro_hardware.emulation.sockets.plant_server import PlantLinkServer
 from soro_hardware.error_text import reason
-from soro_hardware.event_loop import ended_by_signals
+from soro_hardware.families import find_family
 from soro_hardware.platform import PlatformBase
+from soro_hardware.signals import ended_by_signals
+
+
+def emulate(platform: PlatformBase, lockstep: bool, seed: int) -> EmulatedDevices:
+    """Make the emulated devices of a platform; parameters as in `EmulatedDevices`."""
+    family = find_family(platform.family)
+    devices: EmulatedDevices = family.find(family.emulator)(platform, lockstep, seed)
+    return devices
 
 
 class Emulator:

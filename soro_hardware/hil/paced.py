@@ -105,8 +105,6 @@ class PacedRegulator:
         Whether each cycle advances the time by one period, instead of the clock.
     tip : callable, optional
         Function that returns the newest measured position of the tip (3,) [m], or None.
-    clock : callable
-        Function that returns the time [s].
     why_stopped : callable
         Function that returns why an emergency stop demands a vent, or None.
     """
@@ -118,12 +116,11 @@ class PacedRegulator:
         limits: safety.Limits,
         lockstep: bool = False,
         tip: Callable[[], Array | None] = lambda: None,
-        clock: Callable[[], float] = time.monotonic,
         why_stopped: Callable[[], str | None] = lambda: None,
     ) -> None:
         self._limited = LimitedRegulator(platform, regulator, limits)
         self._limited.why_stopped = why_stopped
-        self._lockstep, self._tip, self._clock = lockstep, tip, clock
+        self._lockstep, self._tip = lockstep, tip
         self.period_s = 1.0 / platform.cycle_hz
         self._cycles = 0
         self._start_s: float | None = None
@@ -151,9 +148,9 @@ class PacedRegulator:
         now_s = self._next()
         now_ns = round(now_s * 1e9)
         self._limited.offer(wanted_pa, now_ns, now_ns)
-        began_s = self._clock()
+        began_s = time.monotonic()
         result = self._limited.cycle(now_ns)
-        took_s = 0.0 if self._lockstep else self._clock() - began_s
+        took_s = 0.0 if self._lockstep else time.monotonic() - began_s
         if result is None:
             missing = np.full(self.n_chambers, np.nan)
             zeros = np.zeros_like(missing)
@@ -172,7 +169,7 @@ class PacedRegulator:
     def _now(self) -> float:
         if self._lockstep or self._start_s is None:
             return self._cycles * self.period_s
-        return self._clock() - self._start_s
+        return time.monotonic() - self._start_s
 
     def _next(self) -> float:
         """Wait for the next cycle and return its time [s]; a late cycle delays those after it."""
@@ -180,11 +177,11 @@ class PacedRegulator:
         if self._lockstep:
             return self._now()
         if self._start_s is None:
-            self._start_s = self._due_s = self._clock()
+            self._start_s = self._due_s = time.monotonic()
         self._due_s += self.period_s
-        left_s = self._due_s - self._clock()
+        left_s = self._due_s - time.monotonic()
         if left_s > 0:
             time.sleep(left_s)
         elif left_s < -self.period_s:
-            self._due_s = self._clock()
+            self._due_s = time.monotonic()
         return self._now()

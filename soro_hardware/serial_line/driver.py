@@ -29,8 +29,7 @@ from soro_hardware.serial_line.line.port import BytePort
 from soro_hardware.serial_line.line.session import StartupSession
 from soro_hardware.serial_line.lockstep import MARK, START_MARK, LockstepPort
 from soro_hardware.serial_line.probe import examine
-from soro_hardware.serial_line.start_up import start_all
-from soro_hardware.serial_line.vent_plan import plan_of
+from soro_hardware.serial_line.start_up import plan_of, start_all
 from soro_hardware.supervisor_client import VentPlan
 
 _LONGEST_WAIT_S = 1.0  # for an empty arm, at the end
@@ -276,5 +275,5 @@ class SerialRegulator(Driver[SerialPlatform]):
 
     def _late(self, fresh: Flags) -> list[Fault]:
         """A device that answers nothing at all is `device_silent`, and not late besides."""
-        codes = [self.latch.has("device_silent", channel.source) for channel in self._channels]
+        codes = [("device_silent", channel.source) in self.latch for channel in self._channels]
         return super()._late(fresh | np.array(codes))

@@ -1,4 +1,4 @@
-"""Start-up of all devices on the serial lines of an arm."""
+"""Start-up of all devices on the serial lines of an arm; the plan with which the supervisor vents them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import contextlib
 from collections.abc import Callable, Sequence
 
 from soro_core.errors import HardwareError
-from soro_hardware.serial_line.config import LineOptions
+from soro_hardware.serial_line.config import LineOptions, SerialPlatform
 from soro_hardware.serial_line.line.engine import LineEngine
 from soro_hardware.serial_line.line.session import StartupSession, Waiter
+from soro_hardware.supervisor_client import VentPlan
 
 _BOOTED_S = 0.2  # boot time of further devices after a failure
 
@@ -54,3 +55,16 @@ def start_all(
             engine.discard(waiter.now_ns())
     if failed is not None:
         raise failed
+
+
+_ROUNDS = 20  # rounds without a confirmation
+_EMPTIES_S = 2.0  # time [s] for an arm that empties slowly, as in the limiter
+
+
+def plan_of(engine: LineEngine, platform: SerialPlatform) -> VentPlan:
+    """Return the plan: zeros and readings for every device, in some twenty rounds."""
+    steps = tuple(step for channel in engine.channels for step in channel.vent_steps())
+    # Shorter than the timeout of the driver, because an unconfirmed step is repeated at once.
+    timeout_s = min(platform.line.answer_timeout_s, 0.03 + 400 / platform.baud)
+    longest_s = max(_ROUNDS * timeout_s * len(steps), _EMPTIES_S)
+    return VentPlan(engine.port.name, steps, timeout_s, longest_s, begin="\r\n")

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter, deque
+from collections.abc import Iterable
 
 import can
 
 from soro_hardware.canopen.config import CanopenPlatform
-from soro_hardware.emulation.canopen.error_counters import ErrorCounters
+from soro_hardware.emulation.canopen.hub import ErrorCounters
 from soro_hardware.emulation.canopen.world import World
 from soro_hardware.transport.frame import Frame
-from soro_hardware.transport.link import from_message, to_message
+from soro_hardware.transport.link import from_message
 
 
 class HubBus(can.BusABC):  # type: ignore[misc]
@@ -35,14 +36,19 @@ class HubBus(can.BusABC):  # type: ignore[misc]
         self._closed = False
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send one frame and process everything that it causes."""
-        self._check()
-        self.world.host_sends(from_message(msg))
+        """Send one frame."""
+        self.send_frames([from_message(msg)])
 
-    def recv(self, timeout: float | None = None) -> can.Message | None:
+    def send_frames(self, frames: Iterable[Frame]) -> None:
+        """Send frames, and process everything that each of them causes."""
+        self._check()
+        for frame in frames:
+            self.world.send(self.world.host, frame)
+
+    def recv_frame(self, timeout_s: float) -> Frame | None:
         """Return the next frame, or None without waiting."""
         self._check()
-        return to_message(self.frames.popleft()) if self.frames else None
+        return self.frames.popleft() if self.frames else None
 
     @property
     def state(self) -> can.BusState:

@@ -7,13 +7,13 @@ import errno
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from typing import NoReturn
 
 import can
 
 from soro_core.errors import HardwareError
 from soro_hardware.error_text import reason
-from soro_hardware.transport.error_frames import BUS_OFF, RESTARTED, letters
-from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.frame import BUS_OFF, RESTARTED, Frame, letters
 
 _FULL_TRIES, _FULL_WAIT_S = 20, 0.0005
 # A bus of 1 Mbit/s carries at most 21,000 frames per second; after a longer stall the limiter has tripped.
@@ -83,7 +83,7 @@ class CanLink:
 
     def send(self, frames: Sequence[Frame]) -> None:
         """Send frames in order."""
-        bus = self._require()
+        bus = self._bus or _closed()
         try:
             if self._send_frames is not None:
                 self._send_frames(frames)
@@ -96,7 +96,7 @@ class CanLink:
 
     def receive(self, timeout_s: float) -> Frame | None:
         """Return the next frame, or None after `timeout_s` [s]."""
-        bus = self._require()
+        bus = self._bus or _closed()
         try:
             if self._recv_frame is not None:
                 frame = self._recv_frame(timeout_s)
@@ -123,7 +123,9 @@ class CanLink:
             if (frame := self.receive(0.0)) is None:
                 return
             yield frame
-        raise HardwareError("more frames than a bus can carry", self._require().channel_info, "flood")
+        raise HardwareError(
+            "more frames than a bus can carry", (self._bus or _closed()).channel_info, "flood"
+        )
 
     def _on_error_frame(self, message: can.Message) -> None:
         """Process an error frame of the kernel."""
@@ -132,17 +134,16 @@ class CanLink:
         if classes & (BUS_OFF | RESTARTED):
             self._bus_off = bool(classes & BUS_OFF)
 
-    def _require(self) -> can.BusABC:
-        if self._bus is None:
-            raise HardwareError("the bus is not open", code="order")
-        return self._bus
-
     def _bus_counts(self) -> Counter[str]:
         return Counter(
             garbled=getattr(self._bus, "frames_garbled", 0),
             refused=getattr(self._bus, "frames_refused", 0),
             errors=sum(getattr(self._bus, "bus_errors", {}).values()),
         )
+
+
+def _closed() -> NoReturn:
+    raise HardwareError("the bus is not open", code="order")
 
 
 def _send(bus: can.BusABC, message: can.Message) -> None:

@@ -73,6 +73,10 @@ class ByteLink(Protocol):
         """Return the descriptor of the connection."""
 
 
+# Longest time in which the other side accepts the bytes of one `send` [s].
+_SEND_S = 0.02
+
+
 class TcpLink:
     """Connection to ``host:port``.
 
@@ -83,21 +87,13 @@ class TcpLink:
         `soro emulate` makes it.
     connect_timeout_s : float
         Longest time to connect [s].
-    send_timeout_s : float
-        Longest time in which the other side accepts the bytes of one `send` [s].
     clock : callable
         Returns a monotonic time [s].
     """
 
-    def __init__(
-        self,
-        address: str,
-        connect_timeout_s: float,
-        clock: Callable[[], float],
-        send_timeout_s: float = 0.02,
-    ) -> None:
+    def __init__(self, address: str, connect_timeout_s: float, clock: Callable[[], float]) -> None:
         self.address = address
-        self._connect_timeout_s, self._send_timeout_s, self._clock = connect_timeout_s, send_timeout_s, clock
+        self._connect_timeout_s, self._clock = connect_timeout_s, clock
         self._target: tuple[int, Any] | None = None  # family and address, resolved by `open`
         self._socket: socket.socket | None = None
         self._pending: socket.socket | None = None  # a connection in progress
@@ -131,7 +127,7 @@ class TcpLink:
 
     def send(self, data: bytes) -> None:
         sock = self._require()
-        deadline = self._clock() + self._send_timeout_s
+        deadline = self._clock() + _SEND_S
         self.before_send()
         try:
             while data:

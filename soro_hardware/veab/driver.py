@@ -1,4 +1,4 @@
-"""Driver for the published TCP server of the VEAB boards.
+"""Driver for the published TCP server of the VEAB boards, and the thread that keeps the server running.
 
 The server has no watchdog, and when it ends, the valves keep their pressure. It ends when its client
 disconnects, after 0.5 s without a message, and at any message of another length. So the driver sends nothing
@@ -11,6 +11,7 @@ the arm needs a normally open dump valve.
 from __future__ import annotations
 
 import contextlib
+import threading
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -23,8 +24,40 @@ from soro_hardware.supervisor_client import VentPlan
 from soro_hardware.transport.tcp import ByteLink
 from soro_hardware.veab import protocol
 from soro_hardware.veab.config import VeabPlatform
-from soro_hardware.veab.keeper import Keeper
 from soro_hardware.veab.stream import MessageStream
+
+
+class Keeper:
+    """Calls `keep` periodically until `stop`.
+
+    Parameters
+    ----------
+    keep : callable
+        Function to call; it must not block.
+    period_s : float
+        Pause between two calls [s].
+    """
+
+    def __init__(self, keep: Callable[[], None], period_s: float) -> None:
+        self._keep, self._period_s = keep, period_s
+        self._stopped = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="veab keeper", daemon=True)
+        self._thread.start()
+
+    @property
+    def is_alive(self) -> bool:
+        """Whether the thread runs."""
+        return self._thread.is_alive()
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._stopped.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        while not self._stopped.wait(self._period_s):
+            self._keep()
+
 
 # A message reaches the DACs in the server's next round, after 4 ms; then the connection may be closed.
 _SETTLE_NS = 10_000_000

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from soro_core.config import find_config
 from soro_lab.scene import Scene
-from soro_lab.scene.listing import scenes_in, shipped_folder
+from soro_lab.scene.load import scenes_in, shipped_folder
 
 # Width of the tables, at least.
 _WIDTH = 130

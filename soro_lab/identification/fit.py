@@ -12,6 +12,10 @@ from soro_core.errors import ModelError
 from soro_lab.identification.candidates import Values, residuals_or_none
 from soro_lab.identification.search import LOSSES, Loss, Search, SearchResult, SearchSettings
 
+# Step of the numerical derivatives, in units of the parameters or, if more, of their values; it must exceed
+# the round-off of a simulation.
+_RELATIVE_STEP = 1e-4
+
 
 @dataclass(frozen=True)
 class Parameter:
@@ -75,7 +79,6 @@ def fit(
     residuals: Callable[[Values], Array],
     loss: Loss = "soft_l1",
     max_iterations: int = 30,
-    relative_step: float = 1e-4,
 ) -> Fit:
     """Minimise a robust sum of the residuals.
 
@@ -92,9 +95,6 @@ def fit(
     max_iterations : int
         Largest number of iterations of a search. One that hopeless candidates have stopped is started anew
         beside them (`soro_lab.identification.search`).
-    relative_step : float
-        Step of the numerical derivatives, in units of the parameters or, if more, of their values; it must
-        exceed the round-off of a simulation.
 
     Returns
     -------
@@ -133,7 +133,7 @@ def fit(
         calls += 1
         return residuals_or_none(residuals, values_of(x))
 
-    settings = SearchSettings(loss, relative_step, max_iterations)
+    settings = SearchSettings(loss, _RELATIVE_STEP, max_iterations)
     found = Search(evaluate, start, first, bounds, settings).run()
     deviations = _deviations(found, loss, unit)
     return Fit(

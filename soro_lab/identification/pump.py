@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -20,11 +19,9 @@ from soro_core.pneumatics.chamber import chamber_pressures, make_gas, masses_at
 from soro_core.pneumatics.valve_model import ValveModel
 from soro_lab.identification.candidates import Values
 from soro_lab.identification.fit import Fit, Parameter, fit
-from soro_lab.identification.records import read_columns
 from soro_lab.identification.steps import crossing
+from soro_lab.identification.valves import CRITICAL_RATIO
 
-# Full duty cycle in recordings, 8 bit.
-FULL = 255.0
 # Time step of a pump that a recorded duty cycle drives [s].
 PERIOD_S = 0.01
 # Scale of the robust loss: larger errors count linearly [Pa].
@@ -110,19 +107,6 @@ class PumpModel:
     delay_s: float
 
 
-def read_pump_run(path: str | Path, control: InnerPI) -> PumpRun:
-    """Read a run with the columns Time [s], Target and Pressure [kPa gauge] and PWM [0 to 255]."""
-    columns = read_columns(path, ("Time", "Target", "Pressure", "PWM"))
-    return PumpRun(
-        Path(path).stem,
-        control,
-        1e3 * float(columns["Target"][-1]),
-        columns["Time"],
-        1e3 * columns["Pressure"],
-        columns["PWM"] / FULL,
-    )
-
-
 def model_t63(model: PumpModel, run: PumpRun) -> float:
     """Return the time of the model to 63.2 % of its own way, from its start to its last tenth [s]."""
     t, pressure, _ = pump_response(model, run)
@@ -183,9 +167,7 @@ def pump_response(model: PumpModel, run: PumpRun) -> tuple[Array, Array, Array]:
     return t, np.interp(late, t, pressure[:, 0]), np.where(late < 0.0, 0.0, np.interp(late, t, duties))
 
 
-def fit_pump(
-    runs: Sequence[PumpRun], volume_m3: float, critical_ratio: float = 0.35
-) -> tuple[PumpModel, Fit]:
+def fit_pump(runs: Sequence[PumpRun], volume_m3: float) -> tuple[PumpModel, Fit]:
     """Fit conductance, stall pressure, leak and dead time for a given volume.
 
     The search starts from a stall pressure 2 kPa above the highest level, the conductance that fills the
@@ -197,8 +179,6 @@ def fit_pump(
         Recorded steps.
     volume_m3 : float
         Volume of the chamber [m^3].
-    critical_ratio : float
-        Critical pressure ratio b of ISO 6358.
 
     Returns
     -------
@@ -222,7 +202,7 @@ def fit_pump(
 
     def model(values: Values) -> PumpModel:
         valves = {name: value for name, value in values.items() if name != "delay_s"}
-        given = {"critical_ratio": critical_ratio, "vent_m3_s_pa": 0.0, "band_pa": 1.0}
+        given = {"critical_ratio": CRITICAL_RATIO, "vent_m3_s_pa": 0.0, "band_pa": 1.0}
         return PumpModel(ValveModel.model_validate({**given, **valves}), volume_m3, values["delay_s"])
 
     def residuals(values: Values) -> Array:

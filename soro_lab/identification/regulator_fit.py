@@ -33,6 +33,9 @@ from soro_lab.identification.valves import (
 GOOD = 0.2
 """Largest relative error of a time to 63.2 % that passes."""
 
+MOST_GROUPS = 8
+"""Largest number of groups; runs with neighbouring names, mostly of one day, are in one group."""
+
 HEADER = (
     "model",
     "parameters for",
@@ -184,19 +187,17 @@ def fit_air(
     return AirFit(kind, models, fits, tuple(own), tuple(held_out))
 
 
-def groups(steps: Sequence[Step], most: int = 8) -> dict[int, int]:
+def groups(steps: Sequence[Step]) -> dict[int, int]:
     """Return the group of each step by its id: groups of runs, or, in a single run, of its steps.
 
     Parameters
     ----------
     steps : sequence of Step
         Measured steps.
-    most : int
-        Largest number of groups; runs with neighbouring names, mostly of one day, are in one group.
     """
     runs = sorted({step.run for step in steps})
     if len(runs) > 1:
-        number = min(most, len(runs))
+        number = min(MOST_GROUPS, len(runs))
         return {id(step): runs.index(step.run) * number // len(runs) for step in steps}
     seen: Counter[tuple[str, bool]] = Counter()
     found = {}

@@ -36,6 +36,8 @@ _ROWS, _SHORTEST_S = 12, 1e-3
 _SCALE = 0.05
 # Number of readings that each step is weighted to.
 _SAMPLES = 50
+# Critical pressure ratio b of ISO 6358.
+CRITICAL_RATIO = 0.35
 _ITERATIONS = 60
 
 
@@ -192,7 +194,6 @@ def fit_flow(
     steps: Sequence[Step],
     volume_m3: float,
     supply_pa: float,
-    critical_ratio: float = 0.35,
     directional: bool = True,
 ) -> tuple[FlowModel, Fit]:
     """Fit level 2: conductances, band and dead times for a given volume and supply.
@@ -208,8 +209,6 @@ def fit_flow(
         Volume of each chamber [m^3].
     supply_pa : float
         Pressure of the supply [Pa gauge].
-    critical_ratio : float
-        Critical pressure ratio b of ISO 6358.
     directional : bool
         Whether fills and vents have a band each.
 
@@ -236,7 +235,7 @@ def fit_flow(
     ]
     if directional:
         unknown.append(Parameter("vent_band_pa", change / 3, 100.0, 1e6))
-    given = {"supply_pa": supply_pa, "critical_ratio": critical_ratio}
+    given = {"supply_pa": supply_pa, "critical_ratio": CRITICAL_RATIO}
 
     def model(values: Values) -> FlowModel:
         valves = {name: value for name, value in values.items() if not name.endswith("delay_s")}

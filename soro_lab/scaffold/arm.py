@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from soro_core.errors import ConfigError
 from soro_lab.scaffold import estimate
-from soro_lab.scaffold.annotated import GUESS, Noted, given, rounded
 from soro_lab.scaffold.options import (
     MOUNTINGS,
     WHERE,
@@ -18,6 +17,7 @@ from soro_lab.scaffold.options import (
     read_name,
     read_range,
 )
+from soro_lab.scaffold.quantity import GUESS, Noted, given, rounded
 
 # Where nothing is said [m], [Pa].
 LENGTH, RANGE = 0.1, (0.0, 90e3)

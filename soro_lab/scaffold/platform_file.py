@@ -11,9 +11,9 @@ from pydantic import BaseModel
 from soro_core.config import config_folder, find_config, read_yaml
 from soro_core.errors import ConfigError
 from soro_hardware.families import parse_platform
-from soro_lab.scaffold.annotated import Noted, rounded
 from soro_lab.scaffold.arm import NewArm
 from soro_lab.scaffold.options import WHERE
+from soro_lab.scaffold.quantity import Noted, rounded
 
 # Short names and families, each with the shipped file that shows it.
 ALIASES = {

@@ -1,4 +1,4 @@
-"""Numbers with units on a command line: ``80mm``, ``30g``, ``0,90kPa``, by link ``80mm,60mm``."""
+"""Numbers with units on a command line, ``80mm``, ``80mm,60mm``, and with where they come from."""
 
 from __future__ import annotations
 
@@ -6,8 +6,39 @@ import math
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from soro_core.errors import ConfigError
+
+# Of numbers that no estimate gives.
+GUESS = "guess: soro identify finds it"
+
+
+@dataclass(frozen=True)
+class Noted:
+    """A value and where it comes from.
+
+    Attributes
+    ----------
+    value : object
+        Number, text, or a tuple of them.
+    note : str
+        Unit and origin, for the comment.
+    """
+
+    value: Any
+    note: str
+
+
+def given(value: Any, unit: str = "") -> Noted:
+    """Return a value that the user has given."""
+    return Noted(value, f"{unit}, given" if unit else "given")
+
+
+def rounded(value: float, digits: int = 4) -> float:
+    """Return an estimate with as many significant digits as it deserves."""
+    return float(f"{value:.{digits}g}")
+
 
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*|)")
 

@@ -7,9 +7,9 @@ from typing import Any
 from soro_core.adaptation.modes import Mode, first_mode
 from soro_core.model import SoftArm
 from soro_core.robot import Robot, robot_from_dict
-from soro_lab.scaffold.annotated import GUESS, Noted, rounded
 from soro_lab.scaffold.arm import NewArm, NewLink
 from soro_lab.scaffold.options import MOUNTINGS
+from soro_lab.scaffold.quantity import GUESS, Noted, rounded
 
 # Of the first bending and of the first stretching; fitted arms of config/robots have 0.17 to 0.9.
 DAMPING = 0.2

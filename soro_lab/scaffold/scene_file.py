@@ -8,11 +8,10 @@ from typing import Any
 from soro_core.adaptation.modes import first_mode
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
-from soro_core.safety import Limits
+from soro_core.safety import Limits, trips_above
 from soro_core.twin.config import SensorConfig, TwinSection
-from soro_lab.scaffold.annotated import Noted, rounded
 from soro_lab.scaffold.arm import NewArm
-from soro_lab.scaffold.platform_file import RATING
+from soro_lab.scaffold.quantity import Noted, rounded
 from soro_lab.scaffold.reference import FirstReference
 
 RATE_HZ = 200.0
@@ -78,8 +77,7 @@ def scene_header(arm: NewArm, reference: FirstReference) -> str:
 def _limits(arm: NewArm) -> dict[str, Noted]:
     """Return limits for the range of pressures, in the proportions of the defaults."""
     low, high = arm.pressure_range.value
-    part, default = high / _RANGE, Limits()
-    burst = default.burst_pressure_pa * part
+    part, default, trips = high / _RANGE, Limits(), trips_above(high)
     limits = {
         "minimum_pa": Noted(
             min(low, 0.0), "Pa gauge, lowest set point: the range of the arm, and 0, to vent"
@@ -92,23 +90,20 @@ def _limits(arm: NewArm) -> dict[str, Noted]:
             rounded(min(default.fall_pa_s * part, 2e6)), "Pa/s, fastest fall; guess: twice as fast"
         ),
         "over_pressure_pa": Noted(
-            rounded(high * RATING), "Pa gauge, reading that vents; guess: a ninth above the range"
+            rounded(trips["over_pressure_pa"]),
+            "Pa gauge, reading that vents; guess: a ninth above the range",
         ),
         "burst_pressure_pa": Noted(
-            rounded(burst), "Pa gauge, reading that vents at once; guess: two ninths above the range"
+            rounded(trips["burst_pressure_pa"]),
+            "Pa gauge, reading that vents at once; guess: two ninths above the range",
         ),
     }
-    monitors = {}
-    short = default.monitors.short_circuit_pa
-    if short <= 1.2 * burst:
-        monitors["short_circuit_pa"] = Noted(
-            rounded(short * part), "Pa gauge, reading of a shorted wire; guess: two thirds above the range"
-        )
-    tolerance = min(default.monitors.model_pa * part, 30e3)
-    if tolerance > default.monitors.model_pa:
-        monitors["model_pa"] = Noted(
-            rounded(tolerance), "Pa, between a reading and the lag of the valve; guess: a part of the range"
-        )
+    notes = {
+        "short_circuit_pa": "Pa gauge, reading of a shorted wire; guess: two thirds above the range",
+        "model_pa": "Pa, between a reading and the lag of the valve; guess: a part of the range",
+    }
+    wider = trips.get("monitors", {})
+    monitors = {name: Noted(rounded(value), notes[name]) for name, value in wider.items()}
     return {**limits, **({"monitors": monitors} if monitors else {})}  # type: ignore[dict-item]
 
 

@@ -7,15 +7,19 @@ from pathlib import Path
 
 from soro_core.config import with_changes
 from soro_core.errors import ConfigError
-from soro_core.safety import Limits, Rating
+from soro_core.safety import HARD_LIMIT_PA, Limits, trips_above
 from soro_lab.scene.scene import Scene
+
+# What a scene states of the highest pressures itself.
+_HIGHEST = {"maximum_pa", "over_pressure_pa", "burst_pressure_pa", "short_circuit_pa"}
 
 
 def default_limits(scene: Scene, where: str) -> Limits:
     """Return the limits with a range for what the scene leaves open, no wider than any part allows.
 
-    The lowest set point is that of the robot's range, where platform, its rating and its valves, or the
-    regulators of the twin allow it. The highest is the lowest of theirs and of the default.
+    The range is that of the robot, where platform and valves, or the regulators of the twin allow it. On a
+    platform the highest set point is at most that of the default: a higher one is stated with its trips.
+    Without one the trips that the scene does not state are those of the range.
 
     Parameters
     ----------
@@ -38,6 +42,13 @@ def default_limits(scene: Scene, where: str) -> Limits:
     if not low < high:
         got = f"{robot.name} of {_kpa(own)}"
         raise ConfigError(where, "robot", got, f"a pressure_range_pa that overlaps {_named(allowed)}")
+    known = stated | limits.monitors.model_fields_set
+    if high > limits.maximum_pa and scene.loaded_platform is None and not known & _HIGHEST:
+        trips = trips_above(high)
+        wider = {name: value for name, value in trips.pop("monitors", {}).items() if name not in known}
+        limits = with_changes(
+            limits, maximum_pa=high, monitors=with_changes(limits.monitors, **wider), **trips
+        )
     wanted = {"minimum_pa": min(low, 0.0), "maximum_pa": min(high, limits.maximum_pa)}
     found = {name: value for name, value in wanted.items() if name not in stated}
     if found.get("maximum_pa", 1.0) <= 0.0:  # vacuum alone: 0 Pa is always allowed, to vent
@@ -46,7 +57,10 @@ def default_limits(scene: Scene, where: str) -> Limits:
 
 
 def unused_range(scene: Scene) -> list[str]:
-    """Return a line each where the robot or the limits state a range of which other parts allow less."""
+    """Return a line each where the robot or the limits state a range of which other parts allow less.
+
+    Also one where the default limit is all that holds back the others.
+    """
     robot, limits, lines = scene.loaded_robot, scene.limits, []
     own = robot.pressure_range_pa[0], robot.pressure_range_pa[1]
     for name, stated in (
@@ -59,6 +73,12 @@ def unused_range(scene: Scene) -> list[str]:
         if less:
             text = f"{_named(less)} {'allow' if len(less) > 1 else 'allows'} less"
             lines.append(f"{name} {_kpa(stated)}, but {text}")
+    usual, most = Limits().maximum_pa, min(part[1] for part in (own, *_allowed(scene).values()))
+    if limits.maximum_pa == usual < most:
+        lines.append(
+            f"limits.maximum_pa is {1e-3 * usual:g} kPa, but robot and valves allow {1e-3 * most:g} kPa: "
+            "to use them state it, with its trips over_pressure_pa and burst_pressure_pa"
+        )
     return lines
 
 
@@ -66,8 +86,8 @@ def _allowed(scene: Scene) -> dict[str, tuple[float, float]]:
     """Ranges of what moves the air, by name."""
     platform = scene.loaded_platform
     if platform is None:
-        regulator, rating = scene.regulator, Rating()
-        return {"twin.regulator": (max(regulator.minimum_pa, rating.minimum_pa), regulator.maximum_pa)}
+        regulator = scene.regulator
+        return {"twin.regulator": (max(regulator.minimum_pa, -HARD_LIMIT_PA), regulator.maximum_pa)}
     found = {f"range of {Path(scene.platform).stem}": (platform.range.minimum_pa, platform.range.maximum_pa)}
     if scene.emulates:
         regulator = platform.regulator

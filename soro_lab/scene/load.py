@@ -1,13 +1,14 @@
-"""Reading a scene file: what it names is found beside it, and options change its keys."""
+"""Reading a scene file: what it names is found beside it, options change its keys; the shipped scenes."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from soro_core.config import find_config, parse, read_yaml
+from soro_core.config import config_folder, find_config, parse, read_yaml, with_changes
 from soro_core.errors import ConfigError
-from soro_core.safety import Rating, check_rating
+from soro_core.safety import check_rating, rating_of
 from soro_lab.scene.limits import default_limits
 from soro_lab.scene.scene import Scene
 
@@ -37,8 +38,11 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     data.setdefault("name", path.stem)
     scene = parse(data, Scene, where=str(path))
     platform = scene.loaded_platform
+    if scene.twin.regulator is not None:  # written, a part of its keys is all of them
+        scene = scene.with_twin(with_changes(scene.twin, regulator=scene.regulator))
     scene = scene.with_limits(default_limits(scene, str(path)))
-    check_rating(scene.limits, platform.rating if platform else Rating(), where=str(path))
+    rating = platform.rating if platform else rating_of(scene.loaded_robot.pressure_range_pa)
+    check_rating(scene.limits, rating, where=str(path))
     for number, fault in enumerate(scene.faults):
         if platform and fault.chamber and fault.chamber not in platform.chamber_names:
             allowed = f"one of {', '.join(platform.chamber_names)}"
@@ -67,3 +71,47 @@ def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:
             raise ConfigError(where, key, value, f"{parent} is a value, not a section")
         data = inner
     data[leaf] = value
+
+
+@dataclass(frozen=True)
+class Listing:
+    """The YAML files of a folder.
+
+    Attributes
+    ----------
+    scenes : tuple of Scene
+        In the order of their files.
+    wrong : tuple of str
+        A line for each scene that cannot be read.
+    others : tuple of str
+        The files that are no scenes, and why.
+    """
+
+    scenes: tuple[Scene, ...]
+    wrong: tuple[str, ...]
+    others: tuple[str, ...]
+
+
+def shipped_folder() -> Path:
+    """Folder of the shipped scenes."""
+    return config_folder() / "scenes"
+
+
+def scenes_in(folder: Path) -> Listing:
+    """Return the scenes of a folder: the YAML files all of whose keys are those of a scene.
+
+    Parameters
+    ----------
+    folder : Path
+    """
+    scenes, wrong, others = [], [], []
+    for file in sorted(folder.glob("*.yaml")):
+        try:
+            foreign = [key for key in read_yaml(file) if key not in Scene.model_fields]
+            if foreign:
+                others.append(f"{file.name} (key {foreign[0]})")
+                continue
+            scenes.append(load_scene(file))
+        except ConfigError as error:
+            wrong.append(str(error))
+    return Listing(tuple(scenes), tuple(wrong), tuple(others))

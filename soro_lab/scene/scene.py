@@ -16,7 +16,7 @@ from soro_core.estimation.config import EstimatorConfig
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
-from soro_core.safety import Limits
+from soro_core.safety import Limits, usable_range
 from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinSection
 from soro_hardware import PlatformBase, load_platform
 from soro_hardware.emulation.faults.fault_types import Injection
@@ -61,7 +61,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     twin: TwinSection = Field(TwinSection(), description="the simulated arm and its sensors")
     estimator: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
     controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
-    verdict: VerdictSection = Field(VerdictSection(), description="when a run is lost")
+    verdict: VerdictSection = Field(VerdictSection(), description="when a run is good, poor or lost")
     excite: ExciteConfig = Field(ExciteConfig(), description="the excitation of soro excite")
     markers: bool = Field(
         False, description="also start the node markers, which draws the arm for RViz and Foxglove"
@@ -152,6 +152,10 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         """Return the scene with other limits; it keeps the loaded robot and platform."""
         return self._with(limits=limits)
 
+    def with_twin(self, twin: TwinSection) -> Scene:
+        """Return the scene with another twin; it keeps the loaded robot and platform."""
+        return self._with(twin=twin)
+
     def _with(self, **values: Any) -> Scene:
         other = with_changes(self, **values)
         vars(other).update({name: value for name, value in vars(self).items() if name.startswith("loaded_")})
@@ -179,12 +183,18 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
 
     @property
     def regulator(self) -> RegulatorModel:
-        """The twin's regulators, where there is no platform."""
-        return self.twin.regulator or RegulatorModel()
+        """The twin's regulators where there is no platform; a range that they do not state is the robot's."""
+        stated = self.twin.regulator or RegulatorModel()
+        own = zip(
+            ("minimum_pa", "maximum_pa"), usable_range(self.loaded_robot.pressure_range_pa), strict=True
+        )
+        return with_changes(stated, **{key: end for key, end in own if key not in stated.model_fields_set})
 
     def _plant(self) -> dict[str, Any]:
         """Keys of the twin: those that follow from the model, and those that `twin` states itself."""
         stated = {name: value for name, value in self.twin if value is not None}
+        if not self.platform:
+            stated["regulator"] = self.regulator
         if self.model is None:
             return stated
         model = self.discretisation

@@ -18,7 +18,7 @@ class RecorderSection(Strict):
 
 
 class VerdictSection(Strict):
-    """Limits of a lost run, for runs of at least 5 s without injected faults."""
+    """Limits of a good and of a lost run, for runs of at least 5 s without injected faults."""
 
     tip_error_part: float = Field(
         0.1,
@@ -27,8 +27,15 @@ class VerdictSection(Strict):
         description="largest tip error, RMS over the last 5 s, part of the arm's length; a reference that "
         "the best pressures leave further away is refused",
     )
+    good_part: float = Field(
+        0.02,
+        gt=0,
+        le=1,
+        description="largest tip error of a good run, RMS over the last 5 s, part of the arm's length; a run "
+        "between this and tip_error_part is poor",
+    )
     at_bound_part: float = Field(0.5, gt=0, le=1, description="largest part of all set points at a bound")
-    expected: Literal["good", "vented"] = Field(
+    expected: Literal["good", "poor", "vented"] = Field(
         "good", description="how the run is meant to end (soro scenes); it does not change the verdict"
     )
 

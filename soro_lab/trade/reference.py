@@ -23,6 +23,8 @@ from soro_lab.trade.trace import Errors, TradeTrace, errors, trace
 _STEPPERS = ("trapezoidal", "rk4")
 _HALVINGS = 7
 _FIRST_DT_S = 1e-3
+# CPU time after which no further refinement starts [s].
+_PATIENCE_S = 120.0
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,6 @@ def converge(
     tolerance: float,
     say: Callable[[str], None] = lambda text: None,
     stop: Callable[[], bool] = lambda: False,
-    patience_s: float = 120.0,
 ) -> ReferenceRun:
     """Refine until successive refinements move the tip by less than `tolerance` (RMS, % of the length).
 
@@ -115,8 +116,6 @@ def converge(
         Called with a text on progress.
     stop : callable
         Function that returns whether to stop refining.
-    patience_s : float
-        CPU time after which no further refinement starts [s].
 
     Returns
     -------
@@ -127,7 +126,7 @@ def converge(
     ModelError
         If fewer than two refinements can be computed.
     """
-    deadline = time.process_time() + patience_s
+    deadline = time.process_time() + _PATIENCE_S
 
     def enough() -> bool:
         return stop() or time.process_time() > deadline

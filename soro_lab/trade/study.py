@@ -17,9 +17,8 @@ from soro_lab.trade.candidate import Candidate
 from soro_lab.trade.case import TradeCase
 from soro_lab.trade.cost import Cost, measure, warm
 from soro_lab.trade.grid import CandidateGrid, around, coarse, size, spaces, within
-from soro_lab.trade.pareto import near_front, pareto
 from soro_lab.trade.reference import ReferenceRun, converge
-from soro_lab.trade.results import CandidateResult, Study
+from soro_lab.trade.results import CandidateResult, Study, near_front, pareto
 from soro_lab.trade.slow_metrics import LoopError, closed_loop, loop_seconds, measured_error
 from soro_lab.trade.trace import Errors
 from soro_lab.trade.workers import Outcome, Workers

@@ -18,7 +18,8 @@ from soro_hardware import signals
 from soro_lab.scene import Scene, check_plant
 from soro_lab.scene.options import Change, Device, Folder, SceneName, Valves, changes_of
 from soro_ros.commands.hil import show_question, typed_answer
-from soro_ros.run.execution import ROUND_S, End, Stall, execute, make_folder, prepare
+from soro_ros.run.end import End
+from soro_ros.run.execution import ROUND_S, Stall, execute, make_folder, prepare
 
 if TYPE_CHECKING:
     from soro_lab.excitation.procedure import Excitation

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,8 @@ from soro_core.errors import ConfigError, SoroError
 from soro_hardware import signals
 from soro_lab.scene import Scene, check_gains, check_scene
 from soro_lab.scene.options import Arm, Change, Device, Folder, SceneName, Valves, changes_of
-from soro_ros.run.execution import End, execute, make_folder, prepare
+from soro_ros.run.end import End
+from soro_ros.run.execution import execute, make_folder, prepare
 
 
 def run(
@@ -32,9 +34,9 @@ def run(
 ) -> None:
     """Run a scene: emulated or simulated robot, estimator, controller and recorder, as ROS 2 nodes.
 
-    Ends with a verdict (good, lost, vented or refused), a table, a picture and a bag in FOLDER/NAME-TIME.
-    Exit status 0: good; 1: lost or vented; 2: refused before anything moved. Ctrl-C vents, closes the bag and
-    ends.
+    Ends with a verdict (good, poor, lost, vented or refused), a table, a picture and a bag in
+    FOLDER/NAME-TIME. Exit status 0: good; 1: poor, lost or vented; 2: refused before anything moved. Ctrl-C
+    vents, closes the bag and ends.
     """
     console = Console(stderr=True)
     with signals.noted() as interrupted:
@@ -87,7 +89,7 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
             summary = summarise(recording, scene)
     except SoroError as error:
         failure = failure or str(error)
-    verdict = judge(summary, scene, end.status, end.error, end.warnings, failure)
+    verdict = judge(summary, scene, replace(end, recording_failure=failure), recording)
     write(folder, summary, verdict)
     if summary is not None:
         summary = with_verdict(summary, verdict)
@@ -97,8 +99,11 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
             console.print(f"picture: {folder / 'run.png'}")
     elif recorded and not failure:
         console.print("control was too short for a report")
-    if verdict.word == "lost":
+    if verdict.word in ("poor", "lost"):
         console.print(f"[red]soro: {escape(str(verdict))}[/red]", soft_wrap=True)
+    for line in verdict.notes:
+        beside = "good, but " if verdict.word == "good" else ""
+        console.print(f"[yellow]{beside}{escape(line)}[/yellow]", soft_wrap=True)
     if hint := advice(verdict, scene):
         console.print(hint, soft_wrap=True)
     if recorded:

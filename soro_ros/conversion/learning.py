@@ -32,7 +32,8 @@ def certainty_of(message: Float64MultiArray, n_q: int) -> Certainty | None:
     """Return a message on arm/covariance as P; None for none, or one of another size or out of any range."""
     values = np.array(message.data[_STAMP:], dtype=np.float64)
     size = 2 * n_q
-    if values.size != 1 + size * size or not messages.is_possible(values):
+    # Each entry is the product of two numbers of an arm.
+    if values.size != 1 + size * size or not messages.is_possible(np.sqrt(np.abs(values))):
         return None
     return Certainty(values[1:].reshape(size, size), bool(values[0]))
 

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from soro_core.private_folder import make_private
-from soro_ros.host.state_folder import state_folder
+from soro_ros.host.latch_file import state_folder
 
 # At most so many bytes are in the file [B]; the one before it is kept as well.
 LARGEST = 1_000_000

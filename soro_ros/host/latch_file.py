@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import os
+from pathlib import Path
 
-from soro_ros.host.state_folder import state_folder
+
+def state_folder() -> Path:
+    """Return ``$XDG_STATE_HOME/soro``, by default ``~/.local/state/soro``; it may not exist."""
+    state = os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state"
+    return Path(state) / "soro"
 
 
 class LatchFile:

@@ -1,10 +1,10 @@
-"""Services of running nodes: search, diagnostics, and calls with a time limit."""
+"""Services of running nodes: offers, search, diagnostics, and calls with a time limit."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -12,6 +12,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 from rclpy.utilities import try_shutdown
+from std_srvs.srv import Trigger
 
 from soro_core.errors import ConfigError, SoroError
 from soro_ros.host import middleware
@@ -245,3 +246,27 @@ class ServiceCaller:
 
 def _is_called(name: str, wanted: str) -> bool:
     return not wanted or name == wanted or name.endswith(f"/{wanted}")
+
+
+def create_triggers(node: Node, actions: Mapping[str, Callable[[], str]]) -> None:
+    """Offer services ~/NAME of a node.
+
+    Parameters
+    ----------
+    node : Node
+    actions : mapping of str to callable
+        Function by the name of its service; a SoroError that it raises becomes the reason of a refusal.
+    """
+    for name, action in actions.items():
+        node.create_service(Trigger, f"~/{name}", _answering(action))
+
+
+def _answering(action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            response.success, response.message = True, action()
+        except SoroError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    return answer

@@ -8,6 +8,7 @@ from functools import partial
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerState
 from soro_core.control.motion_config import MotionConfig
 from soro_lab.scene import ControllerNodeConfig
@@ -16,7 +17,7 @@ from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.ticks.enable_check import EnableCheck
-from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.diagnostics import ERROR, OK, WARN
 from soro_ros.topics.motion_job import REPLACED, STATUS, VENTED
 from soro_ros.topics.ports import Input, NodeOutputs, Publishers, subscribe
 
@@ -45,8 +46,9 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             self._report,
             self._refuse,
             publishers.is_read,
+            fail=self._fail,
         )
-        self._ticks = ControllerTicks(config, source, ports, self._motion)
+        self._ticks = ControllerTicks(_with_probe(config), source, ports, self._motion)
         self._check = EnableCheck(self, self.controller, config)
         inputs = dict(self._ticks.inputs)
         inputs |= {
@@ -75,7 +77,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     def take(self, config: ControllerNodeConfig) -> None:
         """Go on with other gains, adaptation, reference or narrower limits, from the state of now."""
-        self._ticks.retune(config)
+        self._ticks.retune(_with_probe(config))
 
     def stop(self) -> None:
         self._ticks.clear()
@@ -109,6 +111,13 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         else:
             self.get_logger().error(reason)
 
+    def _fail(self, reason: str) -> None:
+        """Say why the probe before control has refused; commands are zero until the next ~/enable."""
+        self.get_logger().error(reason)
+        self.event_log.note("refused", reason)
+        self._ticks.motions.forget(VENTED, "commanding zero until ~/enable")
+        self.diagnostics.update(ERROR, reason)
+
     def _report(self, problems: str) -> None:
         self.diagnostics.update(WARN if problems else OK, problems or "active")
 
@@ -128,7 +137,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             if refusals:
                 response.success, response.message = False, "; ".join(refusals)
                 return response
-            self._ticks.forget()
+            self._ticks.forget(anyway)
+            self._report("")
         self._ticks.enabled = True
         response.success, response.message = True, "; ".join(["enabled", *warnings])
         return response
@@ -147,6 +157,13 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._ticks.motions.forget(REPLACED, "estimates and reference start anew")
         response.success, response.message = True, "estimates and reference start anew"
         return response
+
+
+def _with_probe(config: ControllerNodeConfig) -> ControllerNodeConfig:
+    """Return the keys with the probe of real time where none is stated."""
+    if config.mode == "lockstep" or config.control.probe_at_enable is not None:
+        return config
+    return with_changes(config, control=with_changes(config.control, probe_at_enable="refuse"))
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
 from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
-from soro_core.safety import Limiter, Rating, check_rating, narrowed
+from soro_core.safety import Limiter, check_rating, narrowed, rating_of
 from soro_core.twin import Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
@@ -75,7 +75,8 @@ class TwinNode(SoroNode[TwinConfig]):
         self._topics = TwinTopics(self, robot, self._twin, loop, self._lockstep)
         self.create_service(Trigger, "~/start", self._on_start)
         if self._is_commanded:
-            check_rating(config.limits, Rating(), where="parameters of twin")
+            rating = rating_of(robot.pressure_range_pa)
+            check_rating(config.limits, rating, where="parameters of twin")
             self._limiter = Limiter(config.limits, self._names, config.regulator)
             self._chambers = ChamberInterface(
                 self,

@@ -17,7 +17,8 @@ from soro_ros.pictures.picture import draw_shadow, fill
 from soro_ros.pictures.run_view import OpenRun, title_of
 from soro_ros.recordings.recording import Spans
 from soro_ros.recordings.report import Summary, rows, summarise
-from soro_ros.recordings.verdict import judge
+from soro_ros.recordings.verdict import Verdict, judge, with_verdict
+from soro_ros.run.end import End
 
 _WIDTH, _HEIGHT = 9.0, 3.4  # of a picture [inches]
 
@@ -34,13 +35,15 @@ def page_of(run: OpenRun, spans: Spans, notes: Sequence[str] = ()) -> Page:
         What is damaged, or not known.
     """
     summary = summarise(run.recording, run.scene) if run.scene is not None else None
-    word, reason = _verdict(run, summary)
+    verdict = _verdict(run, summary)
+    if summary is not None:
+        summary = with_verdict(summary, verdict)
     return Page(
         title_of(run),
         f"Bag: {run.reader.path}. Shown: {run.view.begin_s:g} to {run.view.end_s:.2f} s.",
-        f"{word}: {reason}" if reason else word,
-        word == "good",
-        [Bullets(notes)] if notes else [],
+        str(verdict),
+        verdict.word == "good",
+        [Bullets(lines)] if (lines := [*verdict.notes, *notes]) else [],
         [
             Chapter("figures", "Figures", [_figures(run, summary)]),
             Chapter("events", "Events", [_events(run)]),
@@ -52,17 +55,17 @@ def page_of(run: OpenRun, spans: Spans, notes: Sequence[str] = ()) -> Page:
     )
 
 
-def _verdict(run: OpenRun, summary: Summary | None) -> tuple[str, str]:
+def _verdict(run: OpenRun, summary: Summary | None) -> Verdict:
     """Return the verdict that `soro run` wrote, or one of the recording alone."""
     try:
         written = json.loads((run.folder / "summary.json").read_text(encoding="utf-8"))
-        return str(written["verdict"]), str(written["reason"])
+        notes = tuple(map(str, written.get("notes", ())))  # a run of before has none
+        return Verdict(str(written["verdict"]), str(written["reason"]), notes)
     except (OSError, ValueError, KeyError, TypeError):
         pass
     if run.scene is None:
-        return "not judged", "no scene says what was wanted"
-    found = judge(summary, run.scene, 0, "")
-    return found.word, found.reason
+        return Verdict("not judged", "no scene says what was wanted")
+    return judge(summary, run.scene, End(), run.recording)
 
 
 def _figures(run: OpenRun, summary: Summary | None) -> Table:

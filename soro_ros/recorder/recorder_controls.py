@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 
 from soro_core.errors import BagError
 from soro_lab.bag import BackgroundWriter
-from soro_ros.topics.trigger_services import create_triggers
+from soro_ros.host.services import create_triggers
 
 
 class RecorderControls:

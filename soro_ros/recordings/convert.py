@@ -68,7 +68,7 @@ def to_tables(
     BagError
         If the bag cannot be read, or has no such topic.
     """
-    from soro_ros.recordings.table_files import WRITERS
+    from soro_ros.recordings.tables import WRITERS
 
     rows: dict[str, int] = {}
     with BagReader(bag) as reader, ExitStack() as open_files:

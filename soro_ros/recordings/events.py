@@ -32,6 +32,35 @@ class Said(NamedTuple):
     text: str
 
 
+class NodeStatus(NamedTuple):
+    """What a node says from a time [s] in the run on; the level is that of `Said`."""
+
+    t_s: float
+    node: str
+    level: int
+    text: str
+
+
+def statuses_of(said: Iterable[Said], time_of: Callable[[int], float]) -> tuple[NodeStatus, ...]:
+    """Return the statuses of nodes that differ from their last one; parameters as of `events_of`."""
+    found: dict[str, NodeStatus] = {}
+    changes = []
+    for log_ns, node, level, text in said:
+        if node not in found or found[node][2:] != (level, text):
+            found[node] = NodeStatus(time_of(log_ns), node, level, text)
+            changes.append(found[node])
+    return tuple(changes)
+
+
+def warnings_at(statuses: Iterable[NodeStatus], at_s: float) -> dict[str, str]:
+    """Return the warnings that stand at a time [s], by node."""
+    found: dict[str, NodeStatus] = {}
+    for status in statuses:
+        if status.t_s <= at_s:
+            found[status.node] = status
+    return {node: status.text for node, status in found.items() if status.level == 1}
+
+
 def events_of(said: Iterable[Said], time_of: Callable[[int], float]) -> tuple[Event, ...]:
     """Return the changes among the statuses of nodes.
 

@@ -15,7 +15,7 @@ from soro_core.arrays import Array
 from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion import messages
 from soro_ros.conversion.decoding import Messages
-from soro_ros.recordings.events import Event, Said, clock, events_of
+from soro_ros.recordings.events import Event, NodeStatus, Said, clock, events_of, statuses_of
 
 _TYPES = {
     "sensor_msgs/msg/JointState": JointState,
@@ -65,8 +65,8 @@ class RunRecording:
 
     Tips are positions (n, 3) [m], pressures [Pa gauge]. Of a real arm there is no true tip, only the measured
     one; `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
-    are the coordinates of the plant and those of the estimator. `problems` are lines on what is damaged, or
-    cannot be read and is left out.
+    are the coordinates of the plant and those of the estimator. `said` has the changes of what the nodes say.
+    `problems` are lines on what is damaged, or cannot be read and is left out.
     """
 
     true_tip: TopicSeries
@@ -83,6 +83,7 @@ class RunRecording:
     true_state: TopicSeries = EMPTY
     estimated_state: TopicSeries = EMPTY
     events: tuple[Event, ...] = ()
+    said: tuple[NodeStatus, ...] = ()
     problems: tuple[str, ...] = ()
 
 
@@ -179,7 +180,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
 
     _, densest = max(kept.values(), key=lambda one: len(one[1]), default=((), []))
     stamps, logged = [row[0] for row in densest], [row[1] for row in densest]
-    events = events_of(said, clock(logged, stamps, start))
+    time_of = clock(logged, stamps, start)
     return RunRecording(
         true_tip=series("truth/tip"),
         estimated_tip=series("arm/tip"),
@@ -194,7 +195,8 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         shadow_tip=series("arm/shadow/tip"),
         true_state=series("truth/state"),
         estimated_state=series("arm/state"),
-        events=events,
+        events=events_of(said, time_of),
+        said=statuses_of(said, time_of),
         problems=problems,
     )
 

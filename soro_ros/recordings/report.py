@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.markup import escape
 from rich.table import Table
 
 from soro_core.arrays import Array
@@ -44,8 +45,10 @@ class Summary:
     overruns: int
     faults: tuple[str, ...]
     shadow: shadow_report.Differences | None = None
+    saturated_last_part: float = 0.0
     verdict: str = ""
     reason: str = ""
+    notes: tuple[str, ...] = ()
 
     def to_json(self) -> str:
         """Return the figures as JSON; an unknown figure is null."""
@@ -70,10 +73,11 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
         else np.full(t.size, np.nan)
     )
     loop = recording.diagnostics.get("regulator", recording.diagnostics.get("twin", {}))
-    command = _during(recording.command, scene.duration_s)
     low, high = pressure_bounds(scene)
-    at_bound = (command <= low + 1.0) | (command >= high - 1.0)
-    reading = _during(recording.reading, scene.duration_s)
+    command = within(recording.command, scene.duration_s)
+    at_bound = (command.value <= low + 1.0) | (command.value >= high - 1.0)
+    at_bound_last = at_bound[command.t >= scene.duration_s - WINDOW_S]
+    reading = within(recording.reading, scene.duration_s).value
     reading = reading[np.isfinite(reading)]  # none of the chambers of a silent device
     settled = settling_time(t, error, SETTLED_PART_OF_LENGTH * length)
     return Summary(
@@ -85,7 +89,8 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
         settling_s=settled if _is_complete(float(t[-1]), recording.faults, scene) else float("nan"),
         pressure_min_pa=float(reading.min()) if reading.size else float("nan"),
         pressure_max_pa=float(reading.max()) if reading.size else float("nan"),
-        saturated_part=float(at_bound.mean()) if at_bound.size else 0.0,
+        saturated_part=_part(at_bound),
+        saturated_last_part=_part(at_bound_last),
         frames_sent=int(loop.get("frames_sent", 0)),
         frames_lost=int(loop.get("frames_lost", 0)),
         lateness_p50_ms=float(loop.get("lateness_p50_ms", "nan")),
@@ -163,7 +168,7 @@ def table(summary: Summary, scene: Scene) -> Table:
     """Return the figures as a table for the terminal."""
     shown = Table(title=title_of(scene), show_header=False)
     for name, value in rows(summary, scene):
-        shown.add_row(name, value)
+        shown.add_row(name, escape(value))
     return shown
 
 
@@ -190,7 +195,7 @@ def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
             "measured pressures",
             _or_dash(f"{summary.pressure_min_pa / 1e3:.1f} to {summary.pressure_max_pa / 1e3:.1f} kPa"),
         ),
-        ("set points at a bound", f"{summary.saturated_part:.1%}"),
+        ("set points at a bound", _at_bound(summary)),
         ("frames sent / lost", f"{summary.frames_sent} / {summary.frames_lost}"),
         *_timing(summary, scene),
         *shadow_report.rows(summary.shadow),
@@ -200,9 +205,13 @@ def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
 
 
 def _verdict(summary: Summary) -> list[tuple[str, str]]:
-    """Return the row of the verdict, if there is one."""
-    text = f"{summary.verdict}: {summary.reason}" if summary.reason else summary.verdict
-    return [("verdict", text)] if text else []
+    """Return the rows of the verdict, if there is one: its word, its reason, and what the nodes say."""
+    found = ("verdict", summary.verdict), ("reason", summary.reason), ("notes", "\n".join(summary.notes))
+    return [row for row in found if row[1]]
+
+
+def _at_bound(summary: Summary) -> str:
+    return f"{summary.saturated_part:.1%} (last {WINDOW_S:g} s: {summary.saturated_last_part:.1%})"
 
 
 def _injected(scene: Scene) -> list[tuple[str, str]]:
@@ -232,8 +241,8 @@ def within(series: TopicSeries, duration_s: float) -> TopicSeries:
     return TopicSeries(series.t[inside], series.value[inside], series.names)
 
 
-def _during(series: TopicSeries, duration_s: float) -> Array:
-    return within(series, duration_s).value if series.t.size else series.value
+def _part(flags: NDArray[np.bool_]) -> float:
+    return float(flags.mean()) if flags.size else 0.0
 
 
 def _rms(values: Array) -> float:

@@ -1,43 +1,43 @@
-"""The verdict on a run: good, lost, vented or refused, and why."""
+"""The verdict on a run: good, poor, lost, vented or refused, and why."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
 from soro_lab.scene import Scene
+from soro_ros.recordings.causes import AT_LIMIT_PART, end_of_commands, probable_cause
+from soro_ros.recordings.events import warnings_at
+from soro_ros.recordings.evidence import evidence_of
+from soro_ros.recordings.recording import RunRecording
 from soro_ros.recordings.report import WINDOW_S, Summary
+from soro_ros.run.end import End
 
-Word = Literal["good", "lost", "vented", "refused"]
-
-# Words of trips by which nodes or devices are late.
-_LATE = ("command lost", "stale_reading")
+# Words of trips by which nodes or devices are late; the first says that no command came.
+_NO_COMMANDS = "command lost"
+_LATE = (_NO_COMMANDS, "stale_reading")
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict in one word, and its reason in one line; `good` needs none."""
+    """The verdict in one word, its reason in one line, which `good` does not need, and what the nodes say.
 
-    word: Word
+    The word is good, poor, lost, vented or refused.
+    """
+
+    word: str
     reason: str = ""
+    notes: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return f"{self.word}: {self.reason}" if self.reason else self.word
 
 
-def judge(
-    summary: Summary | None,
-    scene: Scene,
-    status: int,
-    failure: str,
-    warnings: Sequence[str] = (),
-    recording_failure: str = "",
-) -> Verdict:
-    """Judge a run by its exit status and its figures.
+def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecording | None = None) -> Verdict:
+    """Judge a run by its end and its figures.
 
     Parameters
     ----------
@@ -45,59 +45,88 @@ def judge(
         Figures of the run; None without a recording.
     scene : Scene
         Limits of the verdict.
-    status : int
-        Exit status so far: 2 if the run was refused, another value but 0 if it ended early.
-    failure : str
-        Why the run ended early.
-    warnings : sequence of str
-        What happened meanwhile to nodes that only look on; they stand behind the reason.
-    recording_failure : str
-        Why the recording has no end; empty where it has one.
+    end : End
+        Its warnings stand behind the reason.
+    recording : RunRecording, optional
+        What shows the cause of a bad run, and what the nodes said.
 
     Returns
     -------
     Verdict
     """
-    found = _judged(summary, scene, status, failure, recording_failure)
-    more = [line for line in warnings if line not in found.reason]
-    return replace(found, reason="; ".join(filter(None, (found.reason, *more))))
+    said = dict(end.said)
+    if recording is not None:
+        said = warnings_at(recording.said, min(scene.duration_s, _trip_s(recording)))
+    if end.status == 2:
+        found = Verdict("refused", end.error)
+    elif end.status != 0 or (summary is not None and summary.faults):
+        found = Verdict("vented", _why_vented(summary, end, said))
+    elif end.recording_failure:
+        found = Verdict("lost", f"not judged, because the recording has no end: {end.recording_failure}")
+    else:
+        found = _followed(summary, scene, recording)
+    more = [line for line in end.warnings if line not in found.reason]
+    reason = "; ".join(filter(None, (found.reason, *more)))
+    return replace(found, reason=reason, notes=_notes(said))
 
 
-def _judged(
-    summary: Summary | None, scene: Scene, status: int, failure: str, recording_failure: str
-) -> Verdict:
-    if status == 2:
-        return Verdict("refused", failure)
-    if status != 0 or (summary is not None and summary.faults):
-        trips = "; ".join(summary.faults) if summary is not None else ""
-        return Verdict("vented", trips or failure or "interrupted")
-    if recording_failure:
-        return Verdict("lost", f"not judged, because the recording has no end: {recording_failure}")
+def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | None) -> Verdict:
+    """Judge how well the arm followed its reference to the end."""
     if scene.faults:
         return Verdict("good")
     if summary is None:
         return Verdict("good", "not judged: no tip was recorded")
     if summary.duration_s < WINDOW_S:
         return Verdict("good", f"too short to be judged, under {WINDOW_S:g} s")
-    limits, lost = scene.verdict, []
-    length = scene.loaded_robot.length
-    error, most = summary.tip_error_last_rms_m, limits.tip_error_part * length
+    limits, length, error = scene.verdict, scene.loaded_robot.length, summary.tip_error_last_rms_m
+    lost: list[str] = []
+    poor: list[str] = []
     if not math.isfinite(error):
         lost.append(f"the tip was not known throughout the last {WINDOW_S:g} s")
-    elif error > most:
-        lost.append(
-            f"tip error {1e3 * error:.1f} mm RMS in the last {WINDOW_S:g} s, more than "
-            f"{limits.tip_error_part:.0%} of the length ({1e3 * most:.1f} mm)"
-        )
-    if summary.saturated_part > limits.at_bound_part:
-        lost.append(
-            f"{summary.saturated_part:.0%} of the set points at a bound, more than {limits.at_bound_part:.0%}"
-        )
-    return Verdict("lost", "; ".join(lost)) if lost else Verdict("good")
+    for part, found in ((limits.tip_error_part, lost), (limits.good_part, poor)):
+        if error > part * length:
+            found.append(
+                f"tip error {1e3 * error:.1f} mm RMS in the last {WINDOW_S:g} s, {error / length:.1%} of the "
+                f"length, more than {100 * part:g}% ({1e3 * part * length:.1f} mm)"
+            )
+    for what, part, most, found in (
+        ("", summary.saturated_part, limits.at_bound_part, lost),
+        (f" of the last {WINDOW_S:g} s", summary.saturated_last_part, AT_LIMIT_PART, poor),
+    ):
+        if part > most:
+            found.append(f"{part:.0%} of the set points{what} at a bound, more than {100 * most:g}%")
+    if not (lost or poor):
+        return Verdict("good")
+    reason = "; ".join(lost or poor)
+    if recording is not None:
+        cause, step = probable_cause(evidence_of(recording, scene, summary))
+        reason += f"; probable cause: {cause}; next: {step}"
+    return Verdict("lost" if lost else "poor", reason)
+
+
+def _why_vented(summary: Summary | None, end: End, said: Mapping[str, str]) -> str:
+    """Return the first cause of a vent: what ended the commands says it, not the limiter that missed them."""
+    trips = "; ".join(summary.faults) if summary is not None else ""
+    if _NO_COMMANDS in (trips or end.error):
+        why = end_of_commands(said.get("controller", ""), said.get("estimator", ""))
+        return why or (end.error if _NO_COMMANDS not in end.error else "") or trips or end.error
+    return trips or end.error or "interrupted"
+
+
+def _trip_s(recording: RunRecording) -> float:
+    """Return the time of the first trip under control [s]; infinite without one."""
+    trips = (event.t_s for event in recording.events if event.kind == "trip" and event.t_s >= 0.0)
+    return min(trips, default=math.inf)
+
+
+def _notes(said: Mapping[str, str]) -> tuple[str, ...]:
+    """Return what the nodes say, those of controller and estimator first."""
+    first = sorted(said, key=lambda node: (node not in ("controller", "estimator"), node))
+    return tuple(f"{node}: {said[node].removeprefix(f'{node}: ')}" for node in first)
 
 
 def advice(verdict: Verdict, scene: Scene) -> str:
-    """Return what a user can do about a verdict, in one line; empty if that is not known.
+    """Return what a user can do about a vented run, in one line; empty if that is not known.
 
     Parameters
     ----------
@@ -111,7 +140,7 @@ def advice(verdict: Verdict, scene: Scene) -> str:
 
 def with_verdict(summary: Summary, verdict: Verdict) -> Summary:
     """Return the figures with the verdict on them."""
-    return replace(summary, verdict=verdict.word, reason=verdict.reason)
+    return replace(summary, verdict=verdict.word, reason=verdict.reason, notes=verdict.notes)
 
 
 def write(folder: Path, summary: Summary | None, verdict: Verdict) -> None:
@@ -126,6 +155,6 @@ def write(folder: Path, summary: Summary | None, verdict: Verdict) -> None:
     verdict : Verdict
         The verdict.
     """
-    alone = {"verdict": verdict.word, "reason": verdict.reason}
+    alone = {"verdict": verdict.word, "reason": verdict.reason, "notes": list(verdict.notes)}
     text = json.dumps(alone, indent=2) if summary is None else with_verdict(summary, verdict).to_json()
     (folder / "summary.json").write_text(text)

@@ -36,6 +36,8 @@ VALVES_LIMIT_S = 20.0
 POSE_LIMIT_S = 20.0
 # Running nodes discover each other within two seconds.
 LOOP_LIMIT_S = 30.0
+# Longest probe of the chambers [s].
+PROBE_LIMIT_S = 180.0
 # Time limits of an end [s]: the regulator vents and checks its readings, the recorder writes its buffer.
 _END_LIMITS_S = {"regulator": 10.0, "recorder": 10.0}
 _END_LIMIT_S = 5.0
@@ -209,17 +211,41 @@ class Run:
             supervisor.check_clock()
 
     def begin(self, supervisor: RunMonitor) -> None:
-        """Inject the scene's faults, enable the controller, and start the clock and what the twin plans."""
+        """Enable the controller, inject the scene's faults, and start the clock and what the twin plans.
+
+        In real time all of them count from the end of the probe.
+
+        Raises
+        ------
+        SoroError
+            If the controller refuses to begin.
+        """
         self.has_started = True
         if self._pulse is not None:
             self._pulse.begin(self.scene.duration_s + _BEGIN_S)
+        scene = self.scene
+        is_probed = self._loop.commander == "controller" and scene.controller.probe_at_enable != "off"
+        if is_probed and scene.mode == "real_time":
+            self._enable(supervisor)
+            check = partial(self.check_nodes, supervisor, scene.duration_s)
+            what = "set point of the law behind the probe of the chambers"
+            supervisor.wait(what, lambda: supervisor.controlled_s > 0.0, check, PROBE_LIMIT_S)
+            self._inject()
+        else:
+            self._inject()
+            self._enable(supervisor)
+        if self.scene.arm == "simulated":
+            supervisor.call("twin/start")
+
+    def _enable(self, supervisor: RunMonitor) -> None:
+        supervisor.call(f"{self._loop.commander}/enable")
+
+    def _inject(self) -> None:
+        """Inject the scene's faults."""
         if self.scene.faults:
             with contextlib.closing(ControlClient(self._faults)) as client:
                 for fault in self.scene.faults:
                     client.inject(fault)
-        supervisor.call(f"{self._loop.commander}/enable")
-        if self.scene.arm == "simulated":
-            supervisor.call("twin/start")
 
     def check(self) -> None:
         """Raise KeyboardInterrupt if a signal has ended the run, and NodeError if a process has ended.

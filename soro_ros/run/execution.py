@@ -6,7 +6,6 @@ import contextlib
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,32 +20,11 @@ from soro_core.extras import require
 from soro_hardware.doctor import check_device
 from soro_lab.run_folder import new_folder
 from soro_lab.scene import Scene, load_scene
+from soro_ros.run.end import End
 
 if TYPE_CHECKING:
     from soro_ros.run.compose import LoopNodes, Run
     from soro_ros.run.supervisor import RunMonitor
-
-
-@dataclass(frozen=True)
-class End:
-    """How the processes ended.
-
-    Attributes
-    ----------
-    status : int
-        Exit status.
-    error : str
-        The first error; empty without one.
-    warnings : tuple of str
-        What happened to nodes without which the arm goes on.
-    recording_failure : str
-        Why the recording has no end; empty where it has one.
-    """
-
-    status: int
-    error: str
-    warnings: tuple[str, ...] = ()
-    recording_failure: str = ""
 
 
 # Longest time [s] without progress of the run's clock.
@@ -239,6 +217,7 @@ def execute(
                 is_refused = isinstance(failure, ConfigError) and not run.has_started
                 failed = failure.name if isinstance(failure, NodeError) else ""
                 console.print(f"[red]soro: {escape(str(failure))}[/red]", soft_wrap=True)
+            said = supervisor.warnings()
             if interrupted:
                 console.print("interrupted: venting and closing the bag")
             for name, line in run.end().items():
@@ -251,4 +230,4 @@ def execute(
         console.print(run.outcome(), soft_wrap=True)
     error = errors[0] if errors else ""
     status = 130 if interrupted else 2 if is_refused or run.refused else 1 if errors else 0
-    return End(status, error, tuple(run.warnings.values()), run.recording_failure)
+    return End(status, error, tuple(run.warnings.values()), run.recording_failure, said)

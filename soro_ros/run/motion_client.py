@@ -13,7 +13,7 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 from soro_core.errors import ConfigError
-from soro_core.frames import Frames
+from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
 from soro_ros.host.services import ServiceCaller
 from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REFUSED, STATUS

@@ -56,9 +56,9 @@ class Child:
         reason = "killed (SIGKILL: by hand, or out of memory)" if killed else self.last_lines()
         return f"{self.name} ended with status {status}: {reason}"
 
-    def last_lines(self, lines: int = 5) -> str:
+    def last_lines(self) -> str:
         """The end of the log, in one line; only the errors, if a node has logged some."""
-        text = self.log.read_text(errors="replace").strip().splitlines()[-lines:]
+        text = self.log.read_text(errors="replace").strip().splitlines()[-5:]
         logged = [found for line in text if (found := _LOGGED.match(line))]
         errors = [line[2].strip() for line in logged if line[1] in ("ERROR", "FATAL")]
         return " | ".join(errors or (line.strip() for line in text)) or "nothing in its log"

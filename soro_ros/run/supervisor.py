@@ -20,7 +20,7 @@ from soro_core.errors import SoroError
 from soro_ros.conversion import messages, qos
 from soro_ros.host import claims, middleware, services
 from soro_ros.run.processes import NodeError
-from soro_ros.topics.diagnostics import ERROR
+from soro_ros.topics.diagnostics import ERROR, WARN
 
 # Nodes publish /diagnostics once a second; a machine that delays them for so long cannot control an arm.
 SILENT_S = 8.0
@@ -116,6 +116,10 @@ class RunMonitor:
     def values(self, name: str) -> dict[str, str]:
         """Latest diagnostic values of a node."""
         return {pair.key: pair.value for pair in self.status[name].values} if name in self.status else {}
+
+    def warnings(self) -> dict[str, str]:
+        """Latest warnings of the nodes that have one, by name."""
+        return {name: str(status.message) for name, status in self.status.items() if status.level == WARN}
 
     def check(self, names: Iterable[str] | None = None) -> None:
         """Raise NodeError if one of these nodes, by default any, reports an error."""

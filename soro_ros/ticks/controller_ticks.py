@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar
 
@@ -27,6 +28,7 @@ from soro_lab.scene import ControllerNodeConfig
 from soro_lab.scene.loop import controller_of
 from soro_ros.conversion import learning, messages, qos, references
 from soro_ros.ticks.control_report import ControlReport
+from soro_ros.topics.diagnostics import NO_COMMAND, begun
 from soro_ros.topics.motion_job import REPLACED
 from soro_ros.topics.motion_topic import MotionTopic
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
@@ -122,13 +124,14 @@ class ControllerTicks:
         arm, none = self.controller.arm, np.zeros(self.controller.arm.n_u)
         dt = max(1.0 / self._config.rate_hz, _FULL_TICK_S)
         q = np.full(arm.n_q, 1e-3)
-        state, _ = self.controller.step(self.state, q, q, 0.0, dt, none)
+        begin = replace(self.state, probe=None)  # the law is to be compiled
+        state, _ = self.controller.step(begin, q, q, 0.0, dt, none)
         for k, message in enumerate(references.trajectories_at_rest(self._coordinates), start=1):
             reference = references.trajectory(self.controller, state, message, 0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
         pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, self._world)
         certain = Certainty(1e-12 * np.eye(2 * arm.n_q), positions=True)  # the learner takes this sample
-        reference = references.tip(self.controller, self.state, pose, self._world)
+        reference = references.tip(self.controller, begin, pose, self._world)
         state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, reference, certain)
         self.motions.warm_up(state, q)
 
@@ -143,9 +146,11 @@ class ControllerTicks:
             self._take(new.reference)
             self.motions.cancel(REPLACED, "by another reference")
 
-    def forget(self) -> None:
-        """Reset time, estimates and reference."""
+    def forget(self, anyway: bool = False) -> None:
+        """Reset time, estimates and reference; `anyway`: what the probe finds will only warn."""
         self.state = self.controller.initial_state()
+        if self.state.probe is not None and anyway:
+            self.state = replace(self.state, probe=replace(self.state.probe, lenient=True))
         self._epoch_ns: int | None = None
         self._last_ns = 0
         self._told: tuple[Learned | None, int] = None, 0
@@ -249,18 +254,24 @@ class ControllerTicks:
             t = (stamp_ns - self._epoch_ns) * 1e-9
             certainty = None if covariance is None else learning.certainty_of(covariance, len(q))
             self.state, command = self.controller.step(
-                self.state, q, qd, t, dt, reading, self._reference, certainty
+                self.state, q, qd, t, dt, reading, self._reference, certainty, self.stay_at_zero
             )
             self._last_ns, failure = stamp_ns, command.status.message
             self._publish_learned(command.learned, stamp_ns)
         else:
             self._publish_learned(None, stamp_ns)
-        self._note(failure or command.status.note)
+        self._note(begun(NO_COMMAND, failure) or command.status.note)
         if failure:
             if self._lockstep:
                 self._publish(np.zeros(0), stamp_ns)
             return
-        self._publish(command.setpoint_pa, stamp_ns)
+        if (probe := self.state.probe) is not None and probe.done:
+            self.enabled = False
+            self._ports.fail(probe.refusal)
+        if self._lockstep or stamp_ns >= self._zero_ns:
+            self._publish(command.setpoint_pa, stamp_ns)
+        if probe is not None:  # the law has not begun
+            return
         self._report.publish(command, stamp_ns)
         tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
         self.motions.tick(self.state, t, tip, start_s)

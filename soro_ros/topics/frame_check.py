@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from soro_core.errors import short
-from soro_core.frames import Frames
+from soro_core.run_keys import Frames
 from soro_ros.topics.ports import ignore
 
 # Frames that are named in the log; a publisher that makes up new ones does not fill it.

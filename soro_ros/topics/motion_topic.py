@@ -24,9 +24,9 @@ from soro_core.control.motions.path_coordinates import Planning
 from soro_core.control.reference.active_reference import STREAM_S, ActiveReference, at_rest, reference_ahead
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError, SoroError
-from soro_core.frames import Frames
+from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
-from soro_ros.conversion.path_message import poses_in_world
+from soro_ros.conversion.references import poses_in_world
 from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REPLACED, Job, MotionReports
 from soro_ros.topics.ports import Input, Inputs
 

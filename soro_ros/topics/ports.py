@@ -53,6 +53,8 @@ class NodeOutputs:
         Takes the name of a topic and says whether anybody would have its message now.
     estimated : callable
         Called after an estimate has gone out, with its time [ns].
+    fail : callable
+        Takes why control has ended.
     now_ns : callable
         Gives the time [ns] that ages of messages count from.
     warn : callable
@@ -70,6 +72,7 @@ class NodeOutputs:
     refuse: Callable[[str, bool], None] = ignore
     is_read: Callable[[str], bool] = _always
     estimated: Callable[[int], None] = ignore
+    fail: Callable[[str], None] = ignore
 
 
 def subscribe(node: Node, inputs: Inputs, lockstep: bool) -> None:

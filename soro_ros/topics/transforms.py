@@ -7,9 +7,9 @@ from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 
-from soro_core.frames import Frames
 from soro_core.robot import Robot
 from soro_core.rotation import matrix_from_quaternion
+from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
 
 

@@ -2,15 +2,95 @@
 
 from __future__ import annotations
 
+import queue
+import re
+import time
+from collections.abc import Callable
 from functools import partial
 from typing import Literal
 
 import viser
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from soro_core.robot import Robot
-from soro_ros.view.buttons import BUTTONS, Buttons
+from soro_ros.host.services import Call
 from soro_ros.view.page import ViewerPage, set_value
+
+LIMIT_S = 20.0
+BUTTONS = ("enable", "vent", "reset")
+"""Names of the buttons, and of the services that they call."""
+
+
+class Buttons:
+    """Calls services for buttons; `press` from any thread, `work` from that of the node.
+
+    Parameters
+    ----------
+    node : Node
+        Owner of the calls; its namespace is that of the arm.
+    tell : callable
+        Takes a line for each answer.
+    """
+
+    def __init__(self, node: Node, tell: Callable[[str], None]) -> None:
+        self._node, self._tell = node, tell
+        self._pressed: queue.SimpleQueue[str] = queue.SimpleQueue()
+        self._calls: list[tuple[str, float, Call]] = []
+
+    def press(self, button: str) -> None:
+        """Ask for what a button says."""
+        self._pressed.put(button)
+
+    def work(self) -> None:
+        """Call what was asked for, and tell what was answered."""
+        while not self._pressed.empty():
+            self._begin(self._pressed.get())
+        waiting, self._calls = self._calls, []
+        for service, begin_s, call in waiting:
+            waited_s = time.monotonic() - begin_s
+            if call.done():
+                answer = call.response
+                self._tell(f"{service}: {'' if answer.success else 'refused: '}{answer.message}")
+            elif waited_s > LIMIT_S:
+                self._tell(call.failure(LIMIT_S))
+            else:
+                self._calls.append((service, begin_s, call))
+                continue
+            call.close()
+
+    def close(self) -> None:
+        """Give up what is not answered yet."""
+        for _, _, call in self._calls:
+            call.close()
+        self._calls.clear()
+
+    def _begin(self, button: str) -> None:
+        found = self._services(button)
+        if not found:
+            self._tell(f"{button}: no node in {self._node.get_namespace()} offers it")
+        for service in found:
+            call = Call(self._node, Trigger, service, Trigger.Request())
+            self._calls.append((service.lstrip("/"), time.monotonic(), call))
+
+    def _services(self, button: str) -> list[str]:
+        """Return the services of an arm's nodes of one name.
+
+        All of them vent; but a controller's reset only begins its reference again, so that `reset` is that
+        of the node with the latch.
+        """
+        node = self._node
+        prefix = node.get_namespace().rstrip("/") + "/"
+        names = [name for name, _ in node.get_service_names_and_types()]
+        nodes = [name for name in names if re.fullmatch(f"{re.escape(prefix)}[^/]+/{button}", name)]
+        if button != "reset":
+            return nodes
+        drivers = {
+            f"{one.node_namespace.rstrip('/')}/{one.node_name}/reset"
+            for one in node.get_publishers_info_by_topic(f"{prefix}chambers/state")
+        }
+        return [name for name in nodes if name in drivers]
+
 
 _COLOURS: dict[str, Literal["green", "red", "gray"]] = {"enable": "green", "vent": "red", "reset": "gray"}
 

@@ -2,19 +2,101 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 import viser
+from viser.uplot import Scale, Series
 
 from soro_core.arrays import Array
 from soro_core.robot import Robot
 from soro_core.rotation import quaternion_from_matrix
-from soro_ros.view.contact import touching, turned_to
+from soro_ros.view.arm_shape import COLOURS, between
 from soro_ros.view.moment import Moment
-from soro_ros.view.plots import Plots
 from soro_ros.view.skin import Skin
+
+# A plot is sent as a whole, and its lines are too thin to be read at the rate of the arm.
+_PERIOD_S = 0.25
+
+
+class Plots:
+    """Two plots over time.
+
+    Parameters
+    ----------
+    gui : viser.GuiApi
+    chambers : sequence of str
+        Names of the chambers.
+    most_pa : float
+        Highest pressure [Pa gauge].
+    """
+
+    def __init__(self, gui: viser.GuiApi, chambers: Sequence[str], most_pa: float) -> None:
+        self._chambers, self._shown_s = chambers, 0.0
+        colours = [COLOURS[k % len(COLOURS)] for k in range(len(chambers))]
+        lines = [Series(label=name, stroke=c, width=2) for name, c in zip(chambers, colours, strict=True)]
+        self._pressure = _plot(gui, "pressure [kPa]", lines, Scale(auto=True, range=(0.0, most_pa / 1e3)))
+        error = [Series(label="distance", stroke="#c1121f", width=2)]
+        self._error = _plot(gui, "tip to reference [mm]", error, Scale(auto=True))
+
+    def show(self, past: Sequence[Moment], at_once: bool = False) -> None:
+        """Draw moments; only now and then, unless `at_once`."""
+        now_s = time.monotonic()
+        if now_s < self._shown_s + _PERIOD_S and not at_once:
+            return
+        self._shown_s = now_s
+        t = np.array([one.t_s for one in past])
+        pressures = [[one.pressure.get(name, np.nan) for one in past] for name in self._chambers]
+        self._pressure.data = (t, *(np.array(values) * 1e-3 for values in pressures))
+        self._error.data = (t, np.array([one.error_m for one in past]) * 1e3)
+
+
+def _plot(gui: viser.GuiApi, title: str, lines: Sequence[Series], y: Scale) -> viser.GuiUplotHandle:
+    return gui.add_uplot(
+        data=tuple(np.zeros(1) for _ in range(len(lines) + 1)),
+        series=(Series(label="t [s]"), *lines),
+        scales={"x": Scale(time=False), "y": y},
+        title=title,
+        aspect=1.7,
+    )
+
+
+def touching(robot: Robot, backbone: Array) -> Array:
+    """Return the points (k, 3) [m] of the arm that have sunk into an obstacle.
+
+    Parameters
+    ----------
+    robot : Robot
+    backbone : ndarray (n, 4, 4)
+        Poses at equal distances from base to tip.
+    """
+    if robot.contacts is None:
+        return np.zeros((0, 3))
+    begin, places = 0.0, []
+    for link in robot.links:
+        parts = np.arange(1, robot.contacts.points_per_link + 1) / robot.contacts.points_per_link
+        places.append(begin + parts * link.length)
+        begin += link.length
+    s = np.linspace(0.0, robot.length, len(backbone))
+    x = between(s, backbone, np.concatenate(places))[:, :3, 3]
+    gaps = [np.full(len(x), np.inf)]
+    for plane in robot.contacts.planes:
+        normal = np.asarray(plane.normal) / np.linalg.norm(plane.normal)
+        gaps.append((x - plane.point) @ normal)
+    for sphere in robot.contacts.spheres:
+        gaps.append(np.linalg.norm(x - sphere.centre, axis=1) - sphere.radius)
+    return np.asarray(x[np.min(gaps, axis=0) < 0.0])
+
+
+def turned_to(normal: tuple[float, ...]) -> Array:
+    """Return the quaternion (w, x, y, z) that turns the z axis to a direction."""
+    n = np.asarray(normal) / np.linalg.norm(normal)
+    half = np.array([1.0 + n[2], -n[1], n[0], 0.0])  # 1 + z . n, z x n
+    size = np.linalg.norm(half)
+    return np.asarray(half / size) if size > 1e-9 else np.array([0.0, 1.0, 0.0, 0.0])
+
 
 Value = TypeVar("Value")
 

@@ -4,7 +4,7 @@ import pytest
 
 from benchmarks.walks import Walk, canopen_walk, loop_walks
 
-MOST = {"control tick": (74, 33), "CANopen cycle": (104, 27), "pose to state": (38, 12)}
+MOST = {"control tick": (74, 33), "CANopen cycle": (90, 22), "pose to state": (38, 12)}
 
 
 @pytest.fixture(scope="module")

@@ -28,7 +28,7 @@ from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClie
 from soro_hardware.port import Regulator
 from soro_hardware.testing.hub_bus import HubBus
 from soro_hardware.transport.frame import Frame
-from soro_hardware.transport.link import from_message
+from soro_hardware.transport.link import from_message, to_message
 from tests.patience import LIMIT_S
 
 PERIOD_NS = 5_000_000
@@ -95,7 +95,12 @@ def single(**changes: Any) -> CanopenPlatform:
 
 
 class RecordingBus(HubBus):
-    """Emulated bus in this process that writes down every frame in both directions, as they pass."""
+    """Emulated bus in this process that writes down every frame in both directions, as they pass.
+
+    The driver uses it as any bus of python-can, by `send` and `recv`.
+    """
+
+    send_frames = recv_frame = None
 
     def __init__(self, platform: CanopenPlatform, seed: int = 0) -> None:
         self.log: list[str] = []
@@ -110,13 +115,18 @@ class RecordingBus(HubBus):
             return
         self.log.append(f"> {from_message(msg)}")
         before = len(self.frames)
-        super().send(msg)
+        HubBus.send_frames(self, [from_message(msg)])
         arrived = list(self.frames)[before:]
         kept = [frame for frame in arrived if frame.can_id not in self.swallow]
         while len(self.frames) > before:
             self.frames.pop()
         self.frames.extend(kept)
         self.log += [f"< {frame}" for frame in arrived]
+
+    def recv(self, timeout: float | None = None) -> can.Message | None:
+        """Return the next frame, or None without waiting."""
+        frame = HubBus.recv_frame(self, 0.0)
+        return None if frame is None else to_message(frame)
 
     def inject(self, frame: Frame) -> None:
         """Let a frame arrive at the host."""
@@ -158,7 +168,7 @@ class Bench:
 
     def send(self, frame: Frame) -> None:
         """Send a frame past the driver."""
-        self.world.host_sends(frame)
+        self.world.send(self.world.host, frame)
 
     def sdo(self, data: str, node: int = 1) -> str:
         """Raw SDO request and its answer, as hexadecimal bytes."""

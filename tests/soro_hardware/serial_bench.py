@@ -12,7 +12,7 @@ import numpy as np
 import yaml
 
 from soro_hardware import Exchange
-from soro_hardware.emulation.families import emulate
+from soro_hardware.emulation.process import emulate
 from soro_hardware.emulation.serial_line.devices import SerialDevices
 from soro_hardware.emulation.serial_line.uart import Uart
 from soro_hardware.families import parse_platform

@@ -9,8 +9,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from soro_hardware import Platform
-from soro_hardware.emulation.families import emulate
-from soro_hardware.emulation.process import Emulator
+from soro_hardware.emulation.process import Emulator, emulate
 
 
 @contextlib.contextmanager

@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from soro_core.errors import ConfigError
 from soro_hardware import load_platform
 from soro_hardware.board import frames, messages
+from soro_hardware.board.config import Scale
 from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.board.messages import Cause, PortFlag, Refusal
 from soro_hardware.board.pi import core
 from soro_hardware.board.pi.ports import ConverterPair
-from soro_hardware.board.scaling import Scale
 from soro_hardware.emulation.board.board import EmulatedBoard
 from tests.refused import fails
 

@@ -124,12 +124,12 @@ def test_fuzz():
     assert 0.5 * bad < taken.garbled <= 2 * bad
 
 
-@pytest.mark.parametrize("cause", range(256))
-def test_an_unknown_cause_is_no_crash(cause):
+def test_an_unknown_cause_is_no_crash():
     payload = bytearray(PAYLOADS["STATE"][1])
-    payload[9] = cause
-    if cause in {int(c) for c in Cause}:
-        assert messages.unpack_state(bytes(payload)).cause == cause
-    else:
-        with pytest.raises(ValueError, match="not a valid Cause"):
-            messages.unpack_state(bytes(payload))
+    for cause in range(256):
+        payload[9] = cause
+        if cause in {int(c) for c in Cause}:
+            assert messages.unpack_state(bytes(payload)).cause == cause
+        else:
+            with pytest.raises(ValueError, match="not a valid Cause"):
+                messages.unpack_state(bytes(payload))

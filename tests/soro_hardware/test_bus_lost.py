@@ -9,9 +9,9 @@ import pytest
 from hardware_bench import Bench, codes, platform
 
 from soro_core.errors import HardwareError
+from soro_hardware.transport.bus_watch import Reconnect
 from soro_hardware.transport.frame import Frame
 from soro_hardware.transport.link import CanLink
-from soro_hardware.transport.reconnect import Reconnect
 from tests.refused import fails
 
 

@@ -5,8 +5,7 @@ import errno
 import can
 
 from soro_core.errors import HardwareError
-from soro_hardware.transport.error_frames import BUS_OFF, CONTROLLER, NO_ACKNOWLEDGE, RESTARTED, letters
-from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.frame import BUS_OFF, CONTROLLER, NO_ACKNOWLEDGE, RESTARTED, Frame, letters
 from soro_hardware.transport.link import CanLink
 from tests.refused import fails
 

@@ -30,7 +30,7 @@ class PacedBus(can.BusABC):
         return self.world.now_ns * 1e-9
 
     def send(self, msg, timeout=None):
-        self.world.host_sends(from_message(msg))
+        self.world.send(self.world.host, from_message(msg))
 
     def recv(self, timeout=None):
         end_ns = self.world.now_ns + math.ceil((timeout or 0.0) * 1e9)

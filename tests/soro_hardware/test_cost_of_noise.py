@@ -6,8 +6,8 @@ import time
 import pytest
 
 from soro_hardware.board import frames
-from soro_hardware.serial_line.line.lines import LineSplitter
-from soro_hardware.transport import slcan_codec, socketcand_codec
+from soro_hardware.serial_line.line.request import LineSplitter
+from soro_hardware.transport import slcan_codec, socketcand
 from soro_hardware.vtem import modbus
 
 SIZES = [1 << power for power in (12, 14, 16, 18)]
@@ -15,7 +15,7 @@ SIZES = [1 << power for power in (12, 14, 16, 18)]
 NEGLIGIBLE_S = 0.2
 CODECS = {
     "slcan": slcan_codec.SlcanDecoder,
-    "socketcand": socketcand_codec.SocketcandDecoder,
+    "socketcand": socketcand.SocketcandDecoder,
     "board": lambda: frames.BoardFrameDecoder({frames.FrameType.STATE: 8}),
     "modbus": modbus.ModbusDecoder,
     "line": lambda: LineSplitter(b"\r\n"),

@@ -36,15 +36,15 @@ def test_bus_is_paced():
         lockstep=False,
     )
     world.run(20_000_000)
-    world.host_sends(frames.nmt(NmtCommand.START, 0))
+    world.send(world.host, frames.nmt(NmtCommand.START, 0))
     world.run(21_000_000)
     for node in world.nodes:
         node.dictionary.values[0x1801, 1] |= 1 << 31
     done.clear()
     start = world.now_ns
     for n in range(1, 13):
-        world.host_sends(Frame(0x200 + n, bytes(4)))
-    world.host_sends(frames.SYNC)
+        world.send(world.host, Frame(0x200 + n, bytes(4)))
+    world.send(world.host, frames.SYNC)
     world.run(start + 10_000_000)
     assert [can_id for _, can_id in done] == list(range(0x181, 0x18D))
     assert done[-1][0] - start == 2_335_000

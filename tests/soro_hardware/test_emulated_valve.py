@@ -138,7 +138,7 @@ def test_boot_takes_its_time_in_real_time():
     world = World(single(emulation={"boot_delay_s": 0.1}), heard.append, lockstep=False)
     for time_ms in range(0, 99, 3):
         world.run(time_ms * 1_000_000)
-    world.host_sends(sdo_frames.sdo_read(1, 0x1000, 0))
+    world.send(world.host, sdo_frames.sdo_read(1, 0x1000, 0))
     assert heard == []
     world.run(110_000_000)
     assert [str(f) for f in heard] == ["701 [1] 00"]

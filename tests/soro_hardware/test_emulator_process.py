@@ -25,8 +25,7 @@ from typer.testing import CliRunner
 from soro_core.errors import ConfigError, HardwareError
 from soro_hardware import load_platform, open_regulator
 from soro_hardware.commands.emulate import emulate as emulate_command
-from soro_hardware.emulation.families import emulate
-from soro_hardware.emulation.process import Emulator
+from soro_hardware.emulation.process import Emulator, emulate
 from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 from tests.refused import fails
 

@@ -4,8 +4,7 @@ from hardware_bench import platform
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from soro_hardware.emulation.canopen.error_counters import ErrorCounters
-from soro_hardware.emulation.canopen.hub import Hub
+from soro_hardware.emulation.canopen.hub import ErrorCounters, Hub
 from soro_hardware.emulation.canopen.world import emulate
 from soro_hardware.transport.frame import Frame
 

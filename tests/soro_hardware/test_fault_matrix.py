@@ -18,14 +18,14 @@ FAMILIES = [family for family in MATRIX if family != FOUR]
 
 
 def cells():
-    """All rows of CANopen, all of the other families' own, and each row of the air on half of those.
+    """All rows of CANopen, all of the other families' own, and each row of the air on two of those.
 
     The rest is the same code again; `python -m tests.apparatus` runs everything.
     """
     for number, family in enumerate(FAMILIES):
         shared = set(air(family))
         for place, row in enumerate(MATRIX[family]):
-            if number == 0 or row not in shared or (place + number) % 2:
+            if number == 0 or row not in shared or (place + number) % 3 == 0:
                 yield pytest.param(family, row, id=f"{family}-{row.fault}")
     for row in MATRIX[FOUR]:
         if row.fault in ("mute", "burst"):

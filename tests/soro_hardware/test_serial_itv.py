@@ -6,7 +6,7 @@ from hardware_bench import codes, transcript
 from serial_bench import SerialBench, itv, quiet
 
 from soro_core.errors import ConfigError, HardwareError
-from soro_hardware.emulation.serial_line.itv import EmulatedItv
+from soro_hardware.emulation.serial_line.devices import EmulatedItv
 from soro_hardware.emulation.serial_line.valve import ValveSetup
 from soro_hardware.serial_line.itv import is_refusal, parse
 from tests.refused import fails

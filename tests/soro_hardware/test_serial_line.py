@@ -14,8 +14,8 @@ from soro_core.errors import HardwareError
 from soro_hardware import load_platform, open_regulator
 from soro_hardware.emulation.serial_line.uart import Station, Uart
 from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
-from soro_hardware.serial_line.line.lines import LineSplitter
 from soro_hardware.serial_line.line.port import SerialPort, open_with_retries, paths_of
+from soro_hardware.serial_line.line.request import LineSplitter
 from soro_hardware.serial_line.line.session import StartupSession
 from soro_hardware.serial_line.lockstep import LockstepPort
 from tests.refused import fails

@@ -12,7 +12,7 @@ from serial_bench import SerialBench, alicat, itv, quiet
 from soro_hardware.port import FAULT_CODES
 from soro_hardware.serial_line import alicat_codec
 from soro_hardware.serial_line.itv import is_refusal, parse
-from soro_hardware.serial_line.line.lines import LineSplitter
+from soro_hardware.serial_line.line.request import LineSplitter
 
 NEW, OLD = "10v20.0-R24", "5v12.0-R22"
 MAKE = {

@@ -15,7 +15,7 @@ from hardware_bench import cycles_in_real_time, driver, emulator, platform, plat
 
 from soro_core.errors import HardwareError
 from soro_hardware.doctor import examine
-from soro_hardware.emulation.canopen.slcan_server import (
+from soro_hardware.emulation.canopen.adapter import (
     RememberingSlcanServer,
     SilentSlcanServer,
     SlcanServer,

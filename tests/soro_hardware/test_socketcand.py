@@ -12,13 +12,12 @@ from hypothesis import strategies as st
 from soro_core.errors import HardwareError
 from soro_hardware import open_regulator
 from soro_hardware.doctor import examine
-from soro_hardware.transport.error_frames import BUS_OFF
-from soro_hardware.transport.frame import Frame
+from soro_hardware.transport.frame import BUS_OFF, Frame
 from soro_hardware.transport.link import CanLink
 from soro_hardware.transport.open import open_bus
 from soro_hardware.transport.slcan import SlcanBus
-from soro_hardware.transport.socketcand import SocketcandBus
-from soro_hardware.transport.socketcand_codec import (
+from soro_hardware.transport.socketcand import (
+    SocketcandBus,
     SocketcandDecoder,
     WireError,
     Word,

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from soro_core.errors import HardwareError
 from soro_hardware import load_platform
 from soro_hardware.emulation.veab import EmulatedVeabServer
-from soro_hardware.veab.count import PortCount
 from soro_hardware.veab.driver import VeabRegulator
+from soro_hardware.veab.stream import PortCount
 from tests.refused import fails
 
 MS = 1_000_000

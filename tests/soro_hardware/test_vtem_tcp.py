@@ -17,8 +17,8 @@ from soro_core.errors import HardwareError
 from soro_hardware import doctor, load_platform, open_regulator
 from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 from soro_hardware.vtem.client import Client
+from soro_hardware.vtem.driver import check_speed
 from soro_hardware.vtem.modbus import LAST_TRANSACTION
-from soro_hardware.vtem.probe import check_speed
 from soro_hardware.vtem.registers import SlotState, command
 from tests.patience import LIMIT_S
 from tests.refused import fails

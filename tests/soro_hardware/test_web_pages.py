@@ -17,7 +17,7 @@ from vtem_bench import vtem_platform
 from soro_hardware.board import frames, messages
 from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.transport.frame import Frame
-from soro_hardware.transport.socketcand_codec import encode_send
+from soro_hardware.transport.socketcand import encode_send
 from soro_hardware.veab.protocol import SAFE
 from soro_hardware.vtem.modbus import write_request
 

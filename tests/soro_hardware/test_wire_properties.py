@@ -40,8 +40,8 @@ class Wire:
         self._rest = {}
         rig = loop.rig
         if family.startswith("canopen"):
-            inner = rig.devices.host_sends
-            rig.devices.host_sends = lambda frame: (self._can(frame), inner(frame))[1]
+            inner = rig.devices.send
+            rig.devices.send = lambda bus, frame: (self._can(frame), inner(bus, frame))[1]
             return
         for number, line in enumerate(rig.devices.lines):
             inner = line.feed

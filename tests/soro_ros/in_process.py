@@ -94,6 +94,14 @@ def lockstep(scene: Scene, ticks: int) -> Iterator[Step]:
         yield answer
 
 
+def tip_error_rms_m(scene: Scene, first_s: float, last_s: float) -> float:
+    """Return the distance of the tip from its reference between two times, RMS [m], without valves."""
+    scene = without_valves(scene)
+    first, last = (round(scene.rate_hz * at) for at in (first_s, last_s))
+    steps = list(lockstep(scene, last + 1))[first:]
+    return float(np.sqrt(np.mean([np.sum((step.tip - step.wanted) ** 2) for step in steps])))
+
+
 def _received(sample: Any) -> Any:
     """A sample as the estimator node receives it: its stamp has whole nanoseconds."""
     return replace(sample, stamp_s=round(sample.stamp_s * 1e9) * 1e-9)

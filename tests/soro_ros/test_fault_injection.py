@@ -28,20 +28,31 @@ from tests.soro_ros.running import run, summary, wait_until
 
 @pytest.mark.process
 @pytest.mark.parametrize(
-    "air", ["air: lag", "air: states, valve: {fill_m3_s_pa: 5.0e-11}"], ids=["of the valves", "of the twin"]
+    ("scene", "changes"),
+    [
+        ("valve_fails", ()),
+        (
+            "track_circle",
+            (
+                "twin={air: states, valve: {fill_m3_s_pa: 5.0e-11}}",
+                "faults=[{at: 1.0, fault: stuck_open, chamber: link0/chamber1}]",
+            ),
+        ),
+    ],
+    ids=["of the valves", "of the twin"],
 )
-def test_a_fault_of_a_scene_vents_the_arm_and_ends_the_run_with_its_cause(domain, tmp_path, air):
-    """With the air of the valves, and with that of the twin, which is told of the fault."""
-    fault = "faults=[{at: 1.0, fault: stuck_open, chamber: link0/chamber1}]"
+def test_a_fault_of_a_scene_vents_the_arm_and_ends_the_run_with_its_cause(domain, tmp_path, scene, changes):
+    """A shipped scene on the air of the valves; and that of the twin, which is told of the fault."""
     platform = patient_platform(tmp_path, real_time=False)
-    changes = ("mode=lockstep", f"platform={platform}", f"twin={{{air}}}", fault)
-    status, output, folder = run(tmp_path / "runs", *changes)
+    changes = ("mode=lockstep", f"platform={platform}", *changes)
+    status, output, folder = run(tmp_path / "runs", *changes, scene=scene)
     assert status == 1, output
     found = summary(folder)
     assert found["verdict"] == "vented"
     cause = re.search(r"over-pressure: link0/chamber1 at ([\d.]+) kPa", found["reason"])
     assert cause, found["reason"]
     assert float(cause[1]) > 90.0  # the range of the robot
+    assert found["pressure_max_pa"] > 90e3
 
 
 @pytest.mark.parametrize(

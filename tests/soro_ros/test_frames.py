@@ -10,9 +10,9 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 
 from soro_core.errors import ConfigError
-from soro_core.frames import Frames
 from soro_core.robot import load_robot
 from soro_core.rotation import matrix_from_quaternion
+from soro_core.run_keys import Frames
 from soro_lab.scene import load_scene
 from soro_ros.conversion import messages
 from soro_ros.nodes.controller import ControllerNode

@@ -38,9 +38,9 @@ def test_messages_carry_stamp_and_values_to_the_bit(stamp_ns):
     there = learning.learned(Learned(THETA), stamp_ns)
     assert learning.stamp_ns(there) == stamp_ns
     assert learning.learned_of(there).theta.tobytes() == THETA.tobytes()
-    for positions in (True, False):
-        found = learning.certainty_of(learning.covariance(Certainty(P, positions), stamp_ns), 3)
-        assert found.covariance.tobytes() == P.tobytes()
+    for positions, covariance in ((True, P), (False, P), (True, P * 2e6 / P.max())):  # (1/m/s)^2 at a fall
+        found = learning.certainty_of(learning.covariance(Certainty(covariance, positions), stamp_ns), 3)
+        assert found.covariance.tobytes() == covariance.tobytes()
         assert found.positions is positions
     assert learning.learned_of(learning.learned(None, stamp_ns)) is None
     assert learning.certainty_of(learning.covariance(None, stamp_ns), 3) is None

@@ -9,8 +9,8 @@ from rclpy.qos import HistoryPolicy, QoSProfile
 from std_msgs.msg import String
 
 from soro_lab.bag import BagReader
-from soro_ros.conversion.lost_messages import LossCounter
 from soro_ros.nodes.recorder import Recorder
+from soro_ros.recorder.recorder_stream import LossCounter
 from tests.patience import LIMIT_S
 from tests.soro_ros.direct import fire, values
 from tests.soro_ros.test_recorder_player import until

@@ -20,10 +20,9 @@ from soro_lab.bag import BagReader, BagWriter, Topic
 from soro_lab.scene import MarkersConfig
 from soro_ros.conversion import messages
 from soro_ros.conversion.interfaces import definition
-from soro_ros.conversion.marker_bytes import MarkerBytes
 from soro_ros.host import middleware
 from soro_ros.nodes.markers import MarkersNode
-from soro_ros.view.markers import TOPIC, ArmMarkers
+from soro_ros.view.markers import TOPIC, ArmMarkers, MarkerBytes
 from tests.soro_ros.direct import fire, receive
 
 BAG = Path(__file__).parents[2] / "bags" / "track_circle_lockstep_2s"

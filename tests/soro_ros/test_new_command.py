@@ -2,13 +2,12 @@
 
 import shutil
 
-import numpy as np
 import pytest
 
 from soro_core import load_robot
-from soro_lab.scene import load_scene
+from soro_lab.scene import check_scene, load_scene
 from tests.refused import refused_keys
-from tests.soro_ros.in_process import lockstep, without_valves
+from tests.soro_ros.in_process import tip_error_rms_m
 from tests.soro_ros.running import run, summary
 
 ARMS = {
@@ -17,39 +16,27 @@ ARMS = {
     "two": ("--links", "2", "--length", "90mm,70mm", "--mass", "40g,25g", "--mounting", "hanging"),
 }
 # What the controller of an arm has to learn.
-LOADED = {"one": ("twin.payload_kg=0.01",)}
-# Time of the nodes [s]. The error is judged after 1 s; that of the others is found in one process, much
-# quicker: its numbers are those of the nodes (`test_closed_loop.py`).
-NODES_S = {"one": 6.0, "planar": 0.5, "two": 0.5}
-JUDGED_S = (1.0, 6.0)
+LOADED = {"one": {"twin.payload_kg": 0.01}}
 
 
 @pytest.mark.process
 @pytest.mark.parametrize("name", ARMS)
 def test_a_new_arm_runs_at_once_from_another_folder(soro, domain, tmp_path, monkeypatch, name):
+    """Its error in one process, whose numbers are those of the nodes (`test_closed_loop.py`)."""
     status, out, _ = soro("new", name, *ARMS[name], "--out", str(tmp_path / "made"))
     assert status == 0
     assert len(out.splitlines()) == 4
     shutil.move(tmp_path / "made", tmp_path / "mine")
     monkeypatch.chdir(tmp_path)
-    scene = f"mine/{name}_scene.yaml"
-    seconds = NODES_S[name]
-    keys = ("mode=lockstep", f"duration_s={seconds}", *LOADED.get(name, ()))
-    status, output, folder = run(tmp_path / "runs", *keys, scene=scene)
+    file = f"mine/{name}_scene.yaml"
+    scene = load_scene(file, {"mode": "lockstep", **LOADED.get(name, {})})
+    check_scene(scene, file)
+    assert tip_error_rms_m(scene, 1.0, 6.0) < 0.02 * load_robot(f"mine/{name}_robot.yaml").length
+    if name == "one":  # the nodes of such an arm: `test_whole_way.py`
+        return
+    status, output, folder = run(tmp_path / "runs", "mode=lockstep", "duration_s=0.5", scene=file)
     assert status == 0, output
-    found = summary(folder)
-    assert found["verdict"] == "good"
-    assert found["faults"] == []
-    error = found["tip_error_last_rms_m"] if seconds == JUDGED_S[1] else tip_error_rms_m(scene)
-    assert error < 0.02 * load_robot(tmp_path / "mine" / f"{name}_robot.yaml").length
-
-
-def tip_error_rms_m(scene):
-    """Of the loop in one process."""
-    scene = without_valves(load_scene(scene, {"mode": "lockstep"}))
-    first, last = (round(scene.rate_hz * at) for at in JUDGED_S)
-    steps = list(lockstep(scene, last + 1))[first:]
-    return np.sqrt(np.mean([np.sum((step.tip - step.wanted) ** 2) for step in steps]))
+    assert (summary(folder)["verdict"], summary(folder)["faults"]) == ("good", [])
 
 
 @pytest.mark.parametrize(

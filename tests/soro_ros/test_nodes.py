@@ -61,18 +61,6 @@ def start(name: str, *settings: str) -> subprocess.Popen[str]:
 
 
 @pytest.mark.process
-@pytest.mark.parametrize("name", ["estimator", "controller", "twin"])
-def test_a_node_without_parameters_configures_the_default_robot(domain, name):
-    with RunMonitor("alone") as supervisor:
-        process = start(name)
-        try:
-            supervisor.wait(name, lambda: supervisor.active(name), lambda: None, COMPILED_S)
-        finally:
-            status, _, err = end(process)
-    assert status == 0, err
-
-
-@pytest.mark.process
 @pytest.mark.parametrize(
     ("name", "arguments", "key", "names"),
     [
@@ -277,6 +265,7 @@ def change(supervisor: RunMonitor, name: str, transition: int) -> None:
 @pytest.mark.process
 @pytest.mark.parametrize("name", ["estimator", "controller", "twin", "regulator", "recorder"])
 def test_a_node_lives_through_its_lifecycle_twice(domain, tmp_path, name):
+    """On the default robot, where no parameter names another."""
     settings, valves = ["autostart:=false"], None
     if name == "regulator":
         device, platform = tmp_path / "valves.pty", patient_platform(tmp_path)

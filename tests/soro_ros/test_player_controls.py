@@ -17,8 +17,8 @@ from rclpy.parameter import Parameter
 
 from soro_lab.bag import BagWriter, Topic
 from soro_ros.nodes.player import Player
-from soro_ros.process.keyboard import keys
 from soro_ros.recorder.playback import Playback
+from soro_ros.recorder.player_controls import keys
 from tests.patience import LIMIT_S
 from tests.soro_ros.direct import request
 

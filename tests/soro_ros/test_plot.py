@@ -26,7 +26,7 @@ from soro_ros.pictures.run_view import open_run
 from soro_ros.recordings.events import Said, clock, events_of
 from soro_ros.recordings.recording import TopicSeries
 from soro_ros.recordings.selection import fields_of
-from soro_ros.run.execution import End
+from soro_ros.run.end import End
 
 BAGS = Path(__file__).parents[2] / "bags"
 WHOLE = BAGS / "track_circle_lockstep_2s"
@@ -307,7 +307,8 @@ class Page(HTMLParser):
 
 @pytest.mark.slow
 def test_the_page_of_a_run_stands_alone(tripped):
-    verdict = {"verdict": "vented", "reason": "regulator: vented: no command"}
+    note = "estimator: pose: NIS 5.0"
+    verdict = {"verdict": "vented", "reason": "regulator: vented: no command", "notes": [note]}
     (tripped / "summary.json").write_text(json.dumps(verdict))
     result = soro("report", tripped)
     assert result.exit_code == 0, result.output
@@ -326,6 +327,8 @@ def test_the_page_of_a_run_stands_alone(tripped):
             assert row[1:3] == [topic.type, str(count)]
     rows = {row[0]: row[1:] for row in page.cells if row}
     assert rows["measured pressures"][0].endswith("kPa")
+    assert [rows[name][0] for name in ("verdict", "reason", "notes")] == ["vented", verdict["reason"], note]
+    assert f"<li>{note}</li>" in text
     assert "controller:" in text
     assert rows["numpy"][1] == np.__version__
 

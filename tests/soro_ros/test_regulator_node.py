@@ -85,22 +85,22 @@ def test_a_lower_limit_acts_at_once_on_the_true_pressures_and_vents_nothing(benc
 
 
 @pytest.mark.process
-@pytest.mark.parametrize(
-    ("bad", "age_s", "kind"),
-    [
-        ([float("nan"), 0, 0], 0.0, "not finite"),
-        ([float("inf"), 0, 0], 0.0, "not finite"),
-        ([95e3, 0, 0], 0.0, "out of range"),
-        ([-1e3, 0, 0], 0.0, "out of range"),
-        ([20e3, 0, 0], 1.0, "stale"),
-    ],
-)
-def test_a_stream_of_bad_commands_never_reaches_a_valve_and_vents(bench, bad, age_s, kind):
-    bench.send([30e3] * 3, 0.5)
-    bench.send(bad, 0.2, age_s)
-    assert bench.fault().startswith("command lost")
-    bench.wait_empty()
-    bench.wait_rejected(kind, 40)
+def test_a_stream_of_bad_commands_never_reaches_a_valve_and_vents(bench):
+    for bad, age_s, kind, refused in (
+        ([float("nan"), 0, 0], 0.0, "not finite", 40),
+        ([float("inf"), 0, 0], 0.0, "not finite", 80),
+        ([95e3, 0, 0], 0.0, "out of range", 40),
+        ([-1e3, 0, 0], 0.0, "out of range", 80),
+        ([20e3, 0, 0], 1.0, "stale", 40),
+    ):
+        bench.send([30e3] * 3, 0.5)
+        assert bench.true_pressure() == pytest.approx([30e3] * 3, abs=1.5e3), bad
+        bench.send(bad, 0.2, age_s)
+        assert bench.fault().startswith("command lost"), bad
+        bench.wait_empty()
+        bench.wait_rejected(kind, refused)
+        bench.reset()
+        bench.until(lambda: not bench.failed(), "an open latch")
 
 
 @pytest.mark.process

@@ -12,7 +12,7 @@ from tests.soro_ros.running import SORO, ClockListener, end, only_run, start_run
 
 pytestmark = pytest.mark.process
 
-BRIEF = ("mode=lockstep", "platform=", "duration_s=6")
+BRIEF = ("mode=lockstep", "platform=", "duration_s=2")
 
 
 def test_of_two_runs_that_start_together_one_goes_on_and_one_is_refused(domain, tmp_path):

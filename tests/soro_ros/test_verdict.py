@@ -10,6 +10,7 @@ from soro_core.config import find_config, read_yaml
 from soro_lab.scene import check_gains, load_scene
 from soro_ros.recordings.report import Summary
 from soro_ros.recordings.verdict import Verdict, advice, judge
+from soro_ros.run.end import End
 from tests.refused import refused, refused_keys
 from tests.soro_ros.running import run, summary
 
@@ -24,13 +25,20 @@ LEAK = {"at": 5.0, "fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0
         ({}, {}, 0, "good", ()),
         # A tenth of 64 mm.
         ({"tip_error_last_rms_m": 6.5e-3}, {}, 0, "lost", ("6.5 mm", "10%")),
-        ({"tip_error_last_rms_m": 6.3e-3}, {}, 0, "good", ()),
-        ({"tip_error_last_rms_m": 6.5e-3}, {"verdict.tip_error_part": 0.2}, 0, "good", ()),
+        ({"tip_error_last_rms_m": 6.3e-3}, {}, 0, "poor", ("6.3 mm", "9.8%", "2% (1.3 mm)")),
+        ({"tip_error_last_rms_m": 6.5e-3}, {"verdict.tip_error_part": 0.2}, 0, "poor", ("6.5 mm",)),
+        # A fiftieth of it.
+        ({"tip_error_last_rms_m": 1.3e-3}, {}, 0, "poor", ("1.3 mm", "2.0%", "2%")),
+        ({"tip_error_last_rms_m": 1.27e-3}, {}, 0, "good", ()),
+        ({"tip_error_last_rms_m": 1.3e-3}, {"verdict.good_part": 0.03}, 0, "good", ()),
+        ({"tip_error_last_rms_m": 6.5e-3}, {"verdict.good_part": 0.2}, 0, "lost", ("6.5 mm", "10%")),
+        ({"saturated_last_part": 0.21}, {}, 0, "poor", ("21%", "last 5 s", "20%")),
+        ({"saturated_last_part": 0.2}, {}, 0, "good", ()),
         ({"saturated_part": 0.51}, {}, 0, "lost", ("51%", "50%")),
         ({"saturated_part": 0.51}, {"verdict.at_bound_part": 0.6}, 0, "good", ()),
         ({"saturated_part": 0.51, "duration_s": 2.0}, {}, 0, "good", ("5 s",)),
         ({"tip_error_last_rms_m": float("nan")}, {}, 0, "lost", ("5 s",)),
-        # With injected faults, as before there were verdicts.
+        # With injected faults a run is not judged by its figures.
         ({"tip_error_last_rms_m": 0.3}, {"faults": [LEAK]}, 0, "good", ()),
         (
             {"faults": ("regulator: vented: leak",)},
@@ -43,7 +51,7 @@ LEAK = {"at": 5.0, "fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0
     ],
 )
 def test_a_run_is_judged_by_its_figures(figures, keys, status, word, names):
-    verdict = judge(replace(GOOD, **figures), load_scene("track_circle", keys), status, "")
+    verdict = judge(replace(GOOD, **figures), load_scene("track_circle", keys), End(status))
     assert verdict.word == word
     assert all(name in verdict.reason for name in names)
     assert bool(verdict.reason) == bool(names)
@@ -64,7 +72,7 @@ def test_a_run_that_lateness_ended_has_an_advice(reason, keys, is_given):
 
 
 def test_a_run_without_a_recording_is_not_judged():
-    assert str(judge(None, load_scene("track_circle"), 0, "")) == "good: not judged: no tip was recorded"
+    assert str(judge(None, load_scene("track_circle"), End())) == "good: not judged: no tip was recorded"
 
 
 def gains_of(changes, **keys):

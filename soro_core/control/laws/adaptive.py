@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Made, Preview, Setting, Terms
 from soro_core.control.passivity.adaptive import Terms as LawTerms
 from soro_core.control.passivity.adaptive import adapt, law
@@ -58,7 +57,7 @@ class Adaptive(Law[AdaptiveState]):
             future,
             self._desired,
         )
-        creep = advance_creep(arm, state.creep, future.q, future.qd, dt)
+        creep = arm.internal_midpoint(future.q, future.qd, state.creep, dt)
         named = {
             name: getattr(terms, name)
             for name in ("error", "s", "model", "learnt", "internal", "proportional", "derivative")

@@ -20,7 +20,6 @@ from soro_core.adaptation.learner import Learner, LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array
 from soro_core.config import with_renamed
-from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
 from soro_core.control.nonuniform_strain import NonuniformStrain, NonuniformStrainState, has_nonuniform_strain
 from soro_core.control.reference.trajectory import Point
@@ -133,7 +132,7 @@ class Composite(Law[CompositeState]):
             "proportional": proportional,
             "derivative": derivative,
         }
-        creep = advance_creep(arm, state.creep, wanted.q, wanted.qd, dt)
+        creep = arm.internal_midpoint(wanted.q, wanted.qd, state.creep, dt)
         desired = model + internal + learned + nonuniform + proportional + derivative
         told = state.learned
         if told is None or learner.learned is not state.learner.learned or unmodelled is not state.unmodelled:

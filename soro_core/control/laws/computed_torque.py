@@ -13,7 +13,6 @@ import numpy as np
 from pydantic import Field
 
 from soro_core.arrays import Array
-from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
 
 
@@ -59,7 +58,7 @@ class ComputedTorque(Law[Array]):
         linear = -self.stiffness * error - self.damping * rate
         feedback = arm.inertia_matrix(q) @ linear
         model = self.setting.model_force(q, qd, wanted.qdd) + arm.internal_force(q, state)
-        after = advance_creep(arm, state, wanted.q, wanted.qd, dt)
+        after = arm.internal_midpoint(wanted.q, wanted.qd, state, dt)
         return after, model + feedback, {"error": error, "model": model, "feedback": feedback}
 
     def place(self, belief: ArmBelief, reference: Preview) -> Array:

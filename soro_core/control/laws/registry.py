@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from importlib import import_module
-from importlib.metadata import EntryPoint, entry_points
 from typing import Any, TypeAlias
 
+from soro_core import registered
 from soro_core.control.laws.protocol import Law, LawOptions
 
 AnyLaw: TypeAlias = type[Law[Any]]
@@ -25,8 +25,7 @@ SHIPPED = {
 
 def names() -> tuple[str, ...]:
     """Return the names of all laws: shipped ones first."""
-    others = sorted({entry.name for entry in entry_points(group=GROUP)} - SHIPPED.keys())
-    return (*SHIPPED, *others)
+    return registered.names_of(GROUP, SHIPPED)
 
 
 def find_law(name: str) -> AnyLaw:
@@ -40,10 +39,12 @@ def find_law(name: str) -> AnyLaw:
     if name in SHIPPED:
         module, _, attribute = SHIPPED[name].partition(":")
         return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
-    found = entry_points(group=GROUP, name=name)
-    if not found:
-        raise ValueError(f"one of {', '.join(names())}")
-    return _loaded(next(iter(found)))
+    law: AnyLaw = registered.load(GROUP, SHIPPED, name, _is_law, "subclass of soro_core.control.laws.Law")
+    return law
+
+
+def _is_law(found: Any) -> bool:
+    return isinstance(found, type) and issubclass(found, Law)
 
 
 def options_of(name: str, values: Mapping[str, Any]) -> LawOptions:
@@ -57,15 +58,3 @@ def options_of(name: str, values: Mapping[str, Any]) -> LawOptions:
         As `find_law`.
     """
     return find_law(name).Options.model_validate(dict(values))
-
-
-def _loaded(entry: EntryPoint) -> AnyLaw:
-    others = ", ".join(name for name in names() if name != entry.name)
-    try:
-        law = entry.load()
-    except Exception as error:  # whatever another package does when it is imported
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(f"{others}; {entry.value} does not load ({reason})") from None
-    if not (isinstance(law, type) and issubclass(law, Law)):
-        raise ValueError(f"{others}; {entry.value} is no subclass of soro_core.control.laws.Law")
-    return law

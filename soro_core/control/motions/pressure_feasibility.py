@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.control.creep import advance_creep
 from soro_core.control.laws.protocol import Law
 from soro_core.control.motions.motion_parts import MotionSegment
 from soro_core.control.pressures.allocation import Allocation, balanced_weight
@@ -186,7 +185,7 @@ def rates(
         if missing > _MADE_PA and bool(found.saturated.any()):
             short = True
         rows.append(found.pressure_pa)
-        internal = advance_creep(supply.arm, internal, at.q, at.qd, float(step))
+        internal = supply.arm.internal_midpoint(at.q, at.qd, internal, float(step))
         yield
     ticks = np.arange(0.0, part.duration_s + 0.5 * dt, dt)
     wish = CubicSpline(times, np.array(rows))(np.minimum(ticks, times[-1]))

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from soro_core.config import parse
+from soro_core.config import parse, with_changes
 from soro_core.control.config import AllocationConfig
 from soro_core.errors import ConfigError
 from soro_core.pneumatics.regulator import RegulatorModel
 from soro_core.robot import Robot
-from soro_core.safety.limits import Limits
+from soro_core.safety.limits import Limits, usable_range
 
 # Loop rate where no other is given [Hz].
 DEFAULT_RATE_HZ = 200.0
@@ -80,6 +80,12 @@ def complete_pressures(
     values.setdefault("dead_time_s", late_s)
     values.setdefault("play_pa", response.hysteresis_pa)
     return parse(values, CompletePressures, where="controller: pressures")
+
+
+def with_own_range(pressures: AllocationConfig, robot: Robot) -> AllocationConfig:
+    """Return the section with the range of the robot [Pa gauge] where it states none and no limits do."""
+    own = zip(("minimum_pa", "maximum_pa"), usable_range(robot.pressure_range_pa), strict=True)
+    return with_changes(pressures, **{key: end for key, end in own if getattr(pressures, key) is None})
 
 
 def contradictions(pressures: AllocationConfig, limits: Limits, response: RegulatorModel) -> list[str]:

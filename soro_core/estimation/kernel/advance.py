@@ -12,12 +12,20 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.estimation.kernel.parts import AFTER, BEFORE, NIS, NIS_OF_POSITION, POSE, FilterArm
+from soro_core.estimation.kernel.belief import Belief, assign_belief
+from soro_core.estimation.kernel.parts import (
+    AFTER,
+    BEFORE,
+    NIS,
+    NIS_OF_POSITION,
+    POSE,
+    FilterArm,
+    SampleValues,
+)
 from soro_core.estimation.kernel.predict import predict
 from soro_core.estimation.kernel.update import FUSED, OUTLIER, fuse
 from soro_core.model.dynamics import GOOD, finite
 from soro_core.model.links.linear import assign, assign_matrix, clear
-from soro_core.model.tables import Site
 
 # What becomes of a sample, beside the codes of an update: refused as frozen; fused after a restart of the
 # belief; without a result after one.
@@ -37,39 +45,32 @@ SAME_S = 1e-9
 
 
 @inner
-def _restart(arm: FilterArm, mean: Array, internal: Array, covariance: Array) -> None:
-    clear(mean)
-    clear(internal)
-    assign_matrix(arm.settings.initial, covariance)
+def _restart(arm: FilterArm, belief: Belief) -> None:
+    clear(belief.mean)
+    clear(belief.internal)
+    assign_matrix(arm.settings.initial, belief.covariance)
 
 
 @inner
-def _step(
-    arm: FilterArm, share: float, mean: Array, internal: Array, covariance: Array, pressure: Array, dt: float
-) -> int:
-    """scratch.prior, .prior_internal, .prior_covariance <- belief after dt; gives a code."""
-    w = arm.scratch
-    x, z, P = w.prior, w.prior_internal, w.prior_covariance
+def _step(arm: FilterArm, belief: Belief, pressure: Array, dt: float, out: Belief) -> int:
+    """Out <- belief after dt; gives a code."""
     if dt <= SAME_S:
-        assign(mean, x)
-        assign(internal, z)
-        assign_matrix(covariance, P)
+        assign_belief(belief, out)
         return GOOD
-    code: int = predict(arm, share, mean, internal, covariance, pressure, dt, x, z, P)
+    code: int = predict(arm, belief, pressure, dt, out)
     if code != GOOD:
-        good = finite(x) and finite(z)
-        for i in range(P.shape[0]):
-            good = good and finite(P[i])
+        good = finite(out.mean) and finite(out.internal)
+        for i in range(out.covariance.shape[0]):
+            good = good and finite(out.covariance[i])
         if not good:  # a covariance that outliers have inflated beyond all bounds
-            _restart(arm, x, z, P)
+            _restart(arm, out)
     return code
 
 
 @inner
-def _is_frozen(
-    arm: FilterArm, first: Array, quaternion: Array, stamp: float, reported: Array, record: Array
-) -> bool:
+def _is_frozen(arm: FilterArm, sample: SampleValues) -> bool:
     """Put a pose into the record of its sensor; True if the sensor repeats it while the prediction moves."""
+    first, quaternion, record, reported = sample.first, sample.quaternion, sample.record, arm.scratch.reported
     same = True
     for r in range(3):
         same = same and first[r] == record[POSITION + r]
@@ -77,8 +78,8 @@ def _is_frozen(
     for r in range(4):
         same = same and quaternion[r] == record[QUATERNION + r]
         record[QUATERNION + r] = quaternion[r]
-    kept, square = math.exp(-(stamp - record[STAMP]) / _FORGET_S), 0.0
-    record[STAMP] = stamp
+    kept, square = math.exp(-(sample.stamp - record[STAMP]) / _FORGET_S), 0.0
+    record[STAMP] = sample.stamp
     for r in range(3):
         predicted = reported[BEFORE + r]
         moved = kept * record[MOVED + r] + predicted - record[ESTIMATE + r] if same else 0.0
@@ -89,62 +90,44 @@ def _is_frozen(
 
 @inner
 def advance(
-    arm: FilterArm,
-    share: float,
-    mean: Array,
-    internal: Array,
-    covariance: Array,
-    pressure: Array,
-    dt: float,
-    site: Site,
-    kind: int,
-    first: Array,
-    second: Array,
-    quaternion: Array,
-    stamp: float,
-    is_new: bool,
-    record: Array,
-    mean1: Array,
-    internal1: Array,
-    covariance1: Array,
-    reported: Array,
+    arm: FilterArm, belief: Belief, pressure: Array, dt: float, sample: SampleValues, out: Belief
 ) -> tuple[int, int]:
-    """mean1, internal1, covariance1 <- belief after dt and the sample of `measure` at the end.
+    """Out <- belief after dt and the sample at the end.
 
-    `record` is that of the sensor, renewed in place. Gives the code of the prediction, and what becomes of
-    the sample. `reported`: see `parts`.
+    Gives the code of the prediction, and what becomes of the sample. scratch.reported: see `parts`.
     """
     s, w = arm.settings, arm.scratch
-    x, P = w.prior, w.prior_covariance
-    step = _step(arm, share, mean, internal, covariance, pressure, dt)
-    assign(w.prior_internal, internal1)
-    code: int = fuse(arm, site, kind, first, second, quaternion, is_new, x, P, mean1, covariance1, reported)
-    if is_new and kind == POSE and _is_frozen(arm, first, quaternion, stamp, reported, record):
-        assign(x, mean1)
-        assign_matrix(P, covariance1)
+    record, reported = sample.record, w.reported
+    prior = Belief(w.prior, w.prior_internal, w.prior_covariance, belief.n)
+    step = _step(arm, belief, pressure, dt, prior)
+    assign(prior.internal, out.internal)
+    code: int = fuse(arm, sample, sample.is_new, prior, out)
+    if sample.is_new and sample.kind == POSE and _is_frozen(arm, sample):
+        assign_belief(prior, out)
         return step, FROZEN
     if code == OUTLIER:
         record[REFUSED] += 1.0
         if record[REFUSED] < s.most_refused:
-            assign(x, mean1)
-            for i in range(x.shape[0]):
-                for j in range(x.shape[0]):
-                    covariance1[i, j] = s.outlier_inflation * P[i, j]
+            assign(prior.mean, out.mean)
+            for i in range(prior.mean.shape[0]):
+                for j in range(prior.mean.shape[0]):
+                    out.covariance[i, j] = s.outlier_inflation * prior.covariance[i, j]
             return step, OUTLIER
         nis, position_nis = reported[NIS], reported[NIS_OF_POSITION]
-        _restart(arm, x, internal1, P)
-        code = fuse(arm, site, kind, first, second, quaternion, False, x, P, mean1, covariance1, reported)
+        _restart(arm, prior)
+        assign(prior.internal, out.internal)
+        code = fuse(arm, sample, False, prior, out)
         code = FOUND if code == FUSED else MISSED
         reported[NIS], reported[NIS_OF_POSITION] = nis, position_nis
     if code != FUSED and code != FOUND:
-        _restart(arm, mean1, internal1, covariance1)
+        _restart(arm, out)
         return step, code
-    if is_new:
+    if sample.is_new:
         record[REFUSED] = 0.0
         for r in range(3):
             record[ESTIMATE + r] = reported[AFTER + r]
-        if kind == POSE and code == FUSED:
+        if sample.kind == POSE and code == FUSED:
             record[FUSED_POSES] += 1.0
             for r in range(3):
-                record[RESIDUALS + r] += first[r] - reported[AFTER + r]
+                record[RESIDUALS + r] += sample.first[r] - reported[AFTER + r]
     return step, code

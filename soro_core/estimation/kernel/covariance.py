@@ -70,12 +70,13 @@ def _carry(arm: FilterArm, h: float) -> None:
 
 
 @inner
-def _find_noise(arm: FilterArm, share: float) -> None:
-    """scratch.noise <- density of the rates' noise, `share` of it with a learned force, and the pressures'.
+def _find_noise(arm: FilterArm) -> None:
+    """scratch.noise <- density of the rates' noise, the share of it with a learned force, and the pressures'.
 
     An error of a measured pressure is an error of force: what it accelerates depends on the load.
     """
     s, w = arm.settings, arm.scratch
+    share = w.share[0]
     for i in range(w.noise.shape[0]):
         for j in range(w.noise.shape[0]):
             x, y = s.process[OF_RATE, i, j], s.learned_process[OF_RATE, i, j]
@@ -85,10 +86,10 @@ def _find_noise(arm: FilterArm, share: float) -> None:
 
 
 @inner
-def _add_noise(arm: FilterArm, share: float, time: float) -> None:
+def _add_noise(arm: FilterArm, time: float) -> None:
     """Add the process noise of so long [s], after `_find_noise`."""
     s, w = arm.settings, arm.scratch
-    P, n = w.spread, s.limit.shape[0]
+    P, n, share = w.spread, s.limit.shape[0], w.share[0]
     for i in range(n):
         for j in range(n):
             P[n + i, n + j] += time * w.noise[i, j]
@@ -109,23 +110,23 @@ def symmetric(P: Array, out: Array) -> bool:
 
 
 @inner
-def step_covariance(arm: FilterArm, covariance: Array, share: float, dt: float, out: Array) -> int:
+def step_covariance(arm: FilterArm, covariance: Array, dt: float, out: Array) -> int:
     """out <- covariance after dt, after `motion.step_mean`, whose factors it uses; gives a code."""
     w = arm.scratch
     m = out.shape[0]
     _respond(arm, 0.5 * dt)
-    _find_noise(arm, share)
+    _find_noise(arm)
     assign_matrix(covariance, w.spread)
-    _add_noise(arm, share, dt / 6.0)
+    _add_noise(arm, dt / 6.0)
     _carry(arm, 0.5 * dt)
     assign_matrix(w.spread, out)
     if not step_system(arm, 0.25 * dt):
         return SINGULAR
     _respond(arm, 0.25 * dt)
     clear_matrix(w.spread)
-    _add_noise(arm, share, 4.0 * dt / 6.0)
+    _add_noise(arm, 4.0 * dt / 6.0)
     _carry(arm, 0.25 * dt)
-    _add_noise(arm, share, dt / 6.0)
+    _add_noise(arm, dt / 6.0)
     for i in range(m):
         for j in range(m):
             w.spread[i, j] += out[i, j]

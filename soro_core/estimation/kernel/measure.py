@@ -6,10 +6,9 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.estimation.kernel.parts import IMU, IMU_ORIENTED, POSE, FilterArm
+from soro_core.estimation.kernel.parts import IMU, IMU_ORIENTED, POSE, FilterArm, SampleValues
 from soro_core.model.links.linear import clear_matrix
 from soro_core.model.method import kinematics
-from soro_core.model.tables import Site
 
 # Below this angle [rad] the closed form loses digits; its series is exact to round-off there.
 _SMALL = 1e-4
@@ -94,14 +93,10 @@ def _of_mean_strain(arm: FilterArm) -> None:
 
 
 @inner
-def measure(
-    arm: FilterArm, site: Site, kind: int, first: Array, second: Array, quaternion: Array, mean: Array
-) -> int:
-    """scratch.residual, .rows and .variance <- those of a sample at the mean; gives their number.
-
-    A pose has its position in `first`; an IMU angular velocity and specific force in `first`, `second`.
-    """
+def measure(arm: FilterArm, sample: SampleValues, mean: Array) -> int:
+    """scratch.residual, .rows and .variance <- those of a sample at the mean; gives their number."""
     t, s, w = arm.tables, arm.settings, arm.scratch
+    kind, first, second = sample.kind, sample.first, sample.second
     n = s.limit.shape[0]
     R, J, res = w.rotation, w.columns, w.residual
     q = mean[:n]
@@ -111,10 +106,10 @@ def measure(
             q[i] = w.mean_strain[i]
             for j in range(n):
                 q[i] += w.mean_strain_by_q[i, j] * (mean[j] - w.place[j])
-    kinematics(t, arm.work, site, q, R, w.position, J)
+    kinematics(t, arm.work, sample.site, q, R, w.position, J)
     clear_matrix(w.rows)
     if kind != IMU:
-        to_matrix(quaternion, w.measured)
+        to_matrix(sample.quaternion, w.measured)
     if kind == POSE:
         for r in range(3):
             res[r] = first[r] - w.position[r]

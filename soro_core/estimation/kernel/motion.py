@@ -18,6 +18,7 @@ import math
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
+from soro_core.estimation.kernel.belief import Belief
 from soro_core.estimation.kernel.parts import FilterArm, NoRoom
 from soro_core.model.derivative import equation
 from soro_core.model.derivative.work import BY_Q, BY_V, DerivativeWork
@@ -43,6 +44,7 @@ def load(arm: FilterArm, theta: Array, share: float) -> None:
     """
     t, s, w = arm.tables, arm.settings, arm.scratch
     n = s.limit.shape[0]
+    w.share[0] = share
     w.fading[0] = 1.0 / ((1.0 - share) / s.time + share / s.learned_time)
     total = s.tip_mass + share * theta[0]
     t.tip_mass[0] = max(total, 0.0)
@@ -160,11 +162,12 @@ def step_system(arm: FilterArm, h: float) -> bool:
 
 
 @inner
-def step_mean(
-    arm: FilterArm, mean: Array, internal: Array, pressure: Array, dt: float, mean1: Array, internal1: Array
-) -> int:
-    """mean1, internal1 <- state after dt; leaves the derivatives for the covariance; gives a code."""
+def step_mean(arm: FilterArm, pressure: Array, dt: float, belief: Belief) -> int:
+    """Mean and internal states <- those after dt; leaves the derivatives for the covariance; gives a code."""
     t, s, w = arm.tables, arm.settings, arm.scratch
+    mean, internal, mean1, internal1 = w.start, w.start_internal, belief.mean, belief.internal
+    assign(mean1, mean)
+    assign(internal1, internal)
     n = s.limit.shape[0]
     q, v, a, dv = mean[:n], mean[n : 2 * n], w.acceleration, w.change
     code: int = loaded_acceleration(arm, q, v, internal, pressure, a)

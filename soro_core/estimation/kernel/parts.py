@@ -84,6 +84,8 @@ class Scratch(NamedTuple):
     """At the tip, and none at other places."""
     fading: Array
     """Time constant with which a disturbance decays in this step [s], (1,)."""
+    share: Array
+    """Share of the learned model in this step, (1,)."""
     lost: Array
     """Learned mass that the arm does not have to lose [kg], (1,), 0 or less."""
     constant: Array
@@ -154,6 +156,28 @@ class Scratch(NamedTuple):
     mean_strain_by_rate: Array
 
 
+class SampleValues(NamedTuple):
+    """One sample as the kernels read it.
+
+    A pose has its position in `first`; an IMU angular velocity and specific force in `first`, `second`.
+    """
+
+    site: Site
+    """Place of the sensor."""
+    kind: int
+    """POSE, IMU or IMU_ORIENTED."""
+    first: Array
+    second: Array
+    quaternion: Array
+    """Orientation (x, y, z, w); not read without one."""
+    stamp: float
+    """Time of the sample [s]."""
+    is_new: bool
+    """False for a sample that has passed gate and checks before."""
+    record: Array
+    """Record of its sensor, renewed in place, see `advance`."""
+
+
 class NoRoom(NamedTuple):
     """In place of the workspace of derivatives for an arm that has none."""
 
@@ -178,6 +202,7 @@ def make_scratch(t: Tables, s: FilterSettings, n_wrench: int) -> Scratch:
     return Scratch(
         np.zeros(n_wrench),  # wrench
         np.zeros(1),  # fading
+        np.zeros(1),  # share
         np.zeros(1),  # lost
         np.zeros(n),  # constant
         np.zeros((n, n)),  # slope

@@ -10,13 +10,21 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array, Integers
+from soro_core.estimation.kernel.belief import Belief
 from soro_core.estimation.kernel.covariance import symmetric
 from soro_core.estimation.kernel.measure import measure
 from soro_core.estimation.kernel.motion import limit
-from soro_core.estimation.kernel.parts import AFTER, BEFORE, NIS, NIS_OF_POSITION, POSE, FilterArm
+from soro_core.estimation.kernel.parts import (
+    AFTER,
+    BEFORE,
+    NIS,
+    NIS_OF_POSITION,
+    POSE,
+    FilterArm,
+    SampleValues,
+)
 from soro_core.model.dynamics import finite
 from soro_core.model.links.linear import assign, lu_factor, lu_solve, lu_solve_rows
-from soro_core.model.tables import Site
 
 # Codes of an update.
 FUSED, OUTLIER, FAILED = 0, 1, 2
@@ -122,32 +130,20 @@ def _linear(arm: FilterArm, count: int, kept: Array) -> bool:
 
 
 @inner
-def fuse(
-    arm: FilterArm,
-    site: Site,
-    kind: int,
-    first: Array,
-    second: Array,
-    quaternion: Array,
-    gated: bool,
-    prior: Array,
-    covariance: Array,
-    mean: Array,
-    out: Array,
-    reported: Array,
-) -> int:
-    """mean, out <- belief with the sample of `measure`, gives FUSED; or OUTLIER, FAILED without a result.
+def fuse(arm: FilterArm, sample: SampleValues, gated: bool, belief: Belief, out: Belief) -> int:
+    """Out <- mean and covariance with the sample, gives FUSED; or OUTLIER, FAILED without a result.
 
-    `reported`: see `parts`; its last place is that at the last mean.
+    scratch.reported: see `parts`; its last place is that at the last mean.
     """
     s, w = arm.settings, arm.scratch
-    m, n = prior.shape[0], s.limit.shape[0]
-    count = measure(arm, site, kind, first, second, quaternion, prior)
+    prior, covariance, mean, reported = belief.mean, belief.covariance, out.mean, w.reported
+    m, n = prior.shape[0], belief.n
+    count = measure(arm, sample, prior)
     assign(w.position, reported[BEFORE : BEFORE + 3])
     _cross(arm, count, covariance)
     reported[NIS] = _distance(count, w.innovation, w.factors, w.pivots, w.residual, w.solved)
     reported[NIS_OF_POSITION] = math.nan
-    if kind == POSE:
+    if sample.kind == POSE:
         reported[NIS_OF_POSITION] = _distance(3, w.innovation, w.factors, w.pivots, w.residual, w.solved)
     if gated and not reported[NIS] <= s.gates[count]:
         return OUTLIER
@@ -177,10 +173,10 @@ def fuse(
         if left == 0:
             break
         # The gain is that of the rows before: these are needed again only if they have changed.
-        if measure(arm, site, kind, first, second, quaternion, mean) != count:
+        if measure(arm, sample, mean) != count:
             return FAILED
         if left == _PASSES - 1 and _linear(arm, count, w.last_residual):
             break
         _cross(arm, count, covariance)
     assign(w.position, reported[AFTER : AFTER + 3])
-    return FUSED if _join(arm, count, covariance, out) else FAILED
+    return FUSED if _join(arm, count, covariance, out.covariance) else FAILED

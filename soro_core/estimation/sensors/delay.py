@@ -19,8 +19,8 @@ from soro_core.arrays import Array
 from soro_core.linear import inverse
 
 if TYPE_CHECKING:
-    from soro_core.estimation.belief import Belief
     from soro_core.estimation.config import EstimatorConfig
+    from soro_core.estimation.kernel.belief import Belief
     from soro_core.model import SoftArm
 
 

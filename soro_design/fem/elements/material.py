@@ -158,7 +158,7 @@ def nominal_stress(material: Material, stretch: float) -> float:
     return float(P[0, 0] - P[1, 1] * across / stretch)
 
 
-def first_unstable(material: Material, low: float, high: float, n: int = 41) -> tuple[float, float] | None:
+def first_unstable(material: Material, low: float, high: float) -> tuple[float, float] | None:
     """Return two principal stretches at which Drucker's condition fails, docs/design.md (4), or None.
 
     Parameters
@@ -167,10 +167,9 @@ def first_unstable(material: Material, low: float, high: float, n: int = 41) -> 
         The material, taken at constant volume.
     low, high : float
         Range of all three principal stretches.
-    n : int
-        Stretches tried in each direction, evenly spaced in their logarithm.
     """
-    tried = np.exp(np.linspace(np.log(low), np.log(high), n))
+    # In each direction, evenly spaced in their logarithm.
+    tried = np.exp(np.linspace(np.log(low), np.log(high), 41))
     # Near the undeformed state first.
     pairs = [(a, b) for a in tried for b in tried if a >= b and low <= 1.0 / (a * b) <= high]
     for a, b in sorted(pairs, key=lambda pair: np.log(pair[0]) ** 2 + np.log(pair[1]) ** 2):

@@ -10,8 +10,7 @@ from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError
 from soro_design.fem.solve.linear import regular_factors
 from soro_design.topology.physics.darcy import Flow, pressures
-from soro_design.topology.physics.evaluation import Evaluation
-from soro_design.topology.physics.grid import Grid, assembled
+from soro_design.topology.physics.grid import Evaluation, Grid, assembled
 
 
 @dataclass(frozen=True, eq=False)

@@ -57,3 +57,26 @@ def projection(x: Array, sharpness: float, threshold: float) -> tuple[Array, Arr
 def greyness(density: Array) -> float:
     """Return the mean of 4 rho (1 - rho): 0 of a part without half densities, 1 where all are half."""
     return float(np.mean(4.0 * density * (1.0 - density)))
+
+
+# Where an element begins to count as solid, and how suddenly.
+SOLID_FROM, SOLID_SHARPNESS = 0.01, 500.0
+
+
+def interpolation(density: Array, penalty: float, void_stiffness: float) -> tuple[Array, Array, Array, Array]:
+    """Return kappa, gamma and their derivatives by density.
+
+    Parameters
+    ----------
+    density : ndarray, (e,)
+        Densities of the elements.
+    penalty : float
+        Exponent of the stiffness.
+    void_stiffness : float
+        Stiffness of void over that of solid.
+    """
+    power = density**penalty
+    slope = penalty * density ** (penalty - 1.0)
+    gamma, by_power = projection(power, SOLID_SHARPNESS, SOLID_FROM)
+    rest = 1.0 - void_stiffness
+    return void_stiffness + rest * power, gamma, rest * slope, by_power * slope

@@ -22,6 +22,34 @@ from soro_design.fem.meshes.blocks import block
 
 
 @dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A goal and its gradient.
+
+    Attributes
+    ----------
+    objective : float
+        To be made small.
+    gradient : ndarray, (e,)
+        Its derivative by the densities.
+    motion_m : float
+        Of the output [m], NaN without one.
+    u : ndarray, (n, 2)
+        Displacements [m].
+    pressure : ndarray, (n,)
+        Of the nodes [Pa].
+    residual : float
+        Unbalanced force over the force of the air, as norms.
+    """
+
+    objective: float
+    gradient: Array
+    motion_m: float
+    u: Array
+    pressure: Array
+    residual: float
+
+
+@dataclass(frozen=True, eq=False)
 class Grid:
     """A rectangle divided into equal quad4; make one with `make_grid`.
 

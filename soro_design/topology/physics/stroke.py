@@ -14,9 +14,8 @@ from soro_design.fem.elements.material import Material
 from soro_design.fem.solve.linear import factorised
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.energy import Elements, assemble, sensitivities
-from soro_design.topology.physics.evaluation import Evaluation
-from soro_design.topology.physics.grid import Grid, between_free
-from soro_design.topology.physics.interpolation import interpolation
+from soro_design.topology.physics.filter import interpolation
+from soro_design.topology.physics.grid import Evaluation, Grid, between_free
 
 _NONE = np.empty(0)
 # Unbalanced force over that of the air; most iterations, halvings of one, and the least step of the pressure.

@@ -7,6 +7,7 @@ from collections.abc import Callable
 
 from soro_hardware.board.chips import FULL_SCALES_V, RATES_SPS
 
+_FREQUENCY_HZ = 400e3  # clock of the bus
 _STORE_NS = 25_000_000  # typical time of an EEPROM write
 _FACTORY_CODE = 0x800  # middle of the range
 _FACTORY_CONFIG = 0x8583
@@ -149,8 +150,6 @@ class EmulatedI2c:
         Chip at each address.
     wait : callable, optional
         Called with the duration [s] of each transfer; for measurements.
-    frequency_hz : float
-        Clock frequency of the bus [Hz].
 
     Attributes
     ----------
@@ -165,12 +164,11 @@ class EmulatedI2c:
         self,
         chips: dict[int, Chip],
         wait: Callable[[float], None] = lambda seconds: None,
-        frequency_hz: float = 400e3,
     ) -> None:
         self.chips = chips
         self.broken: dict[int, int] = {}
         self.log: list[str] | None = None
-        self._wait, self._bit_s = wait, 1.0 / frequency_hz
+        self._wait, self._bit_s = wait, 1.0 / _FREQUENCY_HZ
 
     def advance(self, now_ns: int) -> None:
         """Advance the time of every chip."""

@@ -8,12 +8,57 @@ bus-off, or with an unplugged cable, neither sends nor receives.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
-from soro_hardware.emulation.canopen.error_counters import ErrorCounters
 from soro_hardware.emulation.faults.line_faults import Disorder
 from soro_hardware.emulation.faults.schedule import FaultSchedule
 from soro_hardware.transport.frame import Frame, frame_bits
+
+WARNING, PASSIVE, OFF = 96, 128, 256
+
+
+@dataclass
+class ErrorCounters:
+    """Transmit and receive error counters of one controller."""
+
+    transmit: int = 0
+    receive: int = 0
+
+    @property
+    def state(self) -> str:
+        """``active``, ``warning``, ``passive`` or ``bus_off``."""
+        if self.transmit >= OFF:
+            return "bus_off"
+        worst = max(self.transmit, self.receive)
+        return "passive" if worst >= PASSIVE else "warning" if worst >= WARNING else "active"
+
+    @property
+    def is_off(self) -> bool:
+        """Whether the controller is in bus-off: it neither sends nor receives."""
+        return self.transmit >= OFF
+
+    def sent(self, spoilt: bool = False) -> None:
+        """Count a frame of this controller; `spoilt` means that it was destroyed on the bus."""
+        if not self.is_off:
+            self.transmit = self.transmit + 8 if spoilt else max(self.transmit - 1, 0)
+
+    def unacknowledged(self) -> None:
+        """Count a frame without acknowledgement, which leads to error passive, never to bus-off."""
+        if self.transmit < PASSIVE:
+            self.transmit = min(self.transmit + 8, PASSIVE)
+
+    def received(self, spoilt: bool = False) -> None:
+        """Count a frame of another controller; `spoilt` as in `sent`."""
+        if spoilt:
+            self.receive = min(self.receive + 1, 255)
+        elif self.receive > 0:
+            self.receive = min(self.receive, PASSIVE) - 1
+
+    def reset(self) -> None:
+        """Reset the counters, as after bus-off."""
+        self.transmit = self.receive = 0
+
 
 ERROR_FRAME_BITS = 23
 QUEUE_LENGTH = 256  # frames in the transmit buffer of a controller; further ones are lost
@@ -162,7 +207,8 @@ class Hub:
         if not controller.plugged:
             controller.errors.unacknowledged()
             controller.noticed("a")
-        if controller.errors.is_off or self._held_by(controller) >= QUEUE_LENGTH:
+        held = sum(queued.controller is controller for queued in self._waiting)
+        if controller.errors.is_off or held >= QUEUE_LENGTH:
             controller.overruns += 1
             return False
         self._waiting.append(_Queued(frame, controller, now_ns))
@@ -233,9 +279,6 @@ class Hub:
             self._waiting = [queued for queued in self._waiting if queued is not first]
             end_ns = max(self._idle_ns, first.time_ns) + self._duration_ns(frame_bits(first.frame))
             self._sending = first._replace(time_ns=end_ns)
-
-    def _held_by(self, controller: BusController) -> int:
-        return sum(queued.controller is controller for queued in self._waiting)
 
     def _duration_ns(self, bits: int) -> int:
         return bits * 1_000_000_000 // self._bitrate if self._bitrate else 0

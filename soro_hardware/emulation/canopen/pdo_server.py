@@ -12,8 +12,8 @@ from soro_hardware.canopen.cia408 import (
     TPDO_COMMUNICATION,
     TPDO_MAPPING,
 )
+from soro_hardware.canopen.device import Mapped, PdoLayout
 from soro_hardware.canopen.frames import COB_DISABLED
-from soro_hardware.canopen.pdo import Mapped, PdoLayout
 from soro_hardware.canopen.sdo_frames import SdoAbort
 from soro_hardware.emulation.canopen.dictionary import ObjectDictionary, Refused
 from soro_hardware.transport.frame import Frame

@@ -61,6 +61,9 @@ def answer_to(faults: FaultSchedule, line: str) -> str:
     return f"ok: {injection}"
 
 
+_ANSWER_S = 2.0  # longest wait for an answer
+
+
 class ControlClient:
     """A client's end of the control socket.
 
@@ -68,8 +71,6 @@ class ControlClient:
     ----------
     path : str or Path
         Path of the Unix socket.
-    timeout_s : float
-        Longest wait for an answer [s].
 
     Raises
     ------
@@ -77,10 +78,10 @@ class ControlClient:
         If no emulator listens, or it does not answer.
     """
 
-    def __init__(self, path: str | Path, timeout_s: float = 2.0) -> None:
+    def __init__(self, path: str | Path) -> None:
         self._path = path
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        self._socket.settimeout(timeout_s)
+        self._socket.settimeout(_ANSWER_S)
         try:
             self._socket.connect(str(path))
         except OSError as error:

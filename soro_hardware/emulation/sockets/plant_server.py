@@ -21,6 +21,7 @@ from soro_hardware.emulation.sockets.plant_link import (
 )
 from soro_hardware.emulation.sockets.unix_socket import SocketClient, UnixServer
 
+_ANSWER_S = 10.0  # longest wait for the twin
 _BACKLOG = 65536  # bytes kept for a client that does not read; further frames are dropped whole
 
 
@@ -36,9 +37,7 @@ class PlantLinkServer(UnixServer):
     selector : selector
         Event loop that calls the server when bytes have arrived.
     lockstep : bool
-        Whether `pressures` waits for the answer to the last frame.
-    timeout_s : float
-        Longest wait [s] for that answer.
+        Whether `pressures` waits for the answer to the last frame, at most `_ANSWER_S`.
 
     Attributes
     ----------
@@ -57,10 +56,9 @@ class PlantLinkServer(UnixServer):
         present_pa: Callable[[], Array],
         selector: selectors.BaseSelector,
         lockstep: bool = False,
-        timeout_s: float = 10.0,
     ) -> None:
         self.dropped = 0
-        self._present_pa, self._lockstep, self._timeout_s = present_pa, lockstep, timeout_s
+        self._present_pa, self._lockstep = present_pa, lockstep
         self._sequence = self._asked = self._answered = self._time_ns = 0
         self._owner: SocketClient | None = None
         self._pressures: Array = np.empty(0)
@@ -104,8 +102,8 @@ class PlantLinkServer(UnixServer):
             If no answer arrives in lockstep.
         """
         while self._lockstep and self._owner is not None and self._answered < self._asked:
-            if not select.select([self._owner.socket], [], [], self._timeout_s)[0]:
-                text = f"the twin, which computes the pressures, gave no answer for {self._timeout_s:g} s"
+            if not select.select([self._owner.socket], [], [], _ANSWER_S)[0]:
+                text = f"the twin, which computes the pressures, gave no answer for {_ANSWER_S:g} s"
                 raise HardwareError(text, self.path, "silent")
             self.read(self._owner)
         if self._owner is not None:

@@ -11,9 +11,8 @@ from collections import Counter
 from collections.abc import Sequence
 
 from soro_hardware.serial_line.line.channel import Channel
-from soro_hardware.serial_line.line.lines import LineSplitter
 from soro_hardware.serial_line.line.port import BytePort
-from soro_hardware.serial_line.line.request import Request
+from soro_hardware.serial_line.line.request import LineSplitter, Request
 from soro_hardware.serial_line.pace import BITS_PER_BYTE
 
 _SILENT_ROUNDS = 10

@@ -7,9 +7,8 @@ from typing import Protocol, TypeVar
 
 from soro_core.errors import HardwareError
 from soro_hardware.serial_line.config import LineOptions
-from soro_hardware.serial_line.line.lines import LineSplitter
 from soro_hardware.serial_line.line.port import BytePort
-from soro_hardware.serial_line.line.request import format_bytes
+from soro_hardware.serial_line.line.request import LineSplitter, format_bytes
 
 TRIES = 3
 

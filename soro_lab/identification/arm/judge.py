@@ -15,6 +15,8 @@ from soro_lab.identification.recording.streams import Curvature, Marker, Plate, 
 _WRITTEN_OFF = 3.0
 # A shape that moves less than this part of the one that moves most shows noise: it counts for nothing.
 _HARDLY = 0.1
+# Samples of one stretch of this time [s] have one error in common, and count as one.
+_BLOCK_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,8 @@ def squares(
     cases: Sequence[Case],
     differences: Sequence[Sequence[Array]],
     moved: Mapping[str, float],
-    block_s: float = 2.0,
 ) -> tuple[float, ...]:
-    """Return the mean square error of each stretch of `block_s` seconds, in ranges moved, of what moves.
+    """Return the mean square error of each stretch of `_BLOCK_S`, in ranges moved, of what moves.
 
     Parameters
     ----------
@@ -92,8 +93,6 @@ def squares(
         Of each shape of each case, as `difference` gives them.
     moved : mapping of str to float
         `ranges` of all cases.
-    block_s : float
-        Samples of one stretch have one error in common, and count as one.
     """
     found = []
     largest: dict[str, float] = {}
@@ -105,8 +104,8 @@ def squares(
             if not moved[shape.name] > _HARDLY * largest[unit_of(shape)]:
                 continue
             size = np.sum(rows[:, : _places(shape)] ** 2, axis=1) / moved[shape.name] ** 2
-            for block in np.unique(np.floor(shape.t / block_s)):
-                inside = size[np.floor(shape.t / block_s) == block]
+            for block in np.unique(np.floor(shape.t / _BLOCK_S)):
+                inside = size[np.floor(shape.t / _BLOCK_S) == block]
                 parts.setdefault(int(block), []).append(float(inside.mean()))
         found += [float(np.mean(parts[block])) for block in sorted(parts)]
     return tuple(found)

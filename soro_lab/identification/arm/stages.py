@@ -12,21 +12,18 @@ import numpy as np
 from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
-from soro_lab.identification.arm.cases.case import Case, Whole
+from soro_lab.identification.arm.cases.case import Case, Whole, longest_step
 from soro_lab.identification.arm.cases.initial_conditions import is_release, start_numbers
-from soro_lab.identification.arm.cases.pace import longest_step
 from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot, with_numbers
 from soro_lab.identification.arm.choose import LawChoice, Trial, choose
 from soro_lab.identification.arm.frames import calibrated, clock_numbers, frame_numbers
 from soro_lab.identification.arm.judge import Error, errors, ranges, share_of_range, squares
 from soro_lab.identification.arm.laws import LAWS, LawTerm, free_parameters, is_of_law, plain
-from soro_lab.identification.arm.search.blind import check_motion, check_numbers
+from soro_lab.identification.arm.search.blind import check_motion, check_numbers, swinging
 from soro_lab.identification.arm.search.prepare import first_errors, residual_errors, rests_of, split
 from soro_lab.identification.arm.search.problem import Problem, modelled
 from soro_lab.identification.arm.search.solve import FitSolution, evaluated, solve
-from soro_lab.identification.arm.search.swing import swinging
 from soro_lab.identification.arm.search.uncertainty import Uncertainty, certainty, not_determined
-from soro_lab.identification.interrupts import only_in_searches
 from soro_lab.identification.recording import (
     Marker,
     Plate,
@@ -35,6 +32,7 @@ from soro_lab.identification.recording import (
     still_limits,
     without_hands,
 )
+from soro_lab.identification.search import only_in_searches
 
 Progress: TypeAlias = Callable[[str, float], None]
 

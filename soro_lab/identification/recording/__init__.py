@@ -1,10 +1,8 @@
 """Recordings of an arm for identification: read, cleaned, cut into states at rest, decays and sections."""
 
-from soro_lab.identification.recording.faults import OmittedSamples
-from soro_lab.identification.recording.motion import check_motion, moves
 from soro_lab.identification.recording.phases import Phase, decays, excited
 from soro_lab.identification.recording.place import Place, place_of_part
-from soro_lab.identification.recording.recording import Recording
+from soro_lab.identification.recording.recording import OmittedSamples, Recording
 from soro_lab.identification.recording.rest import Mean, RestState, rest_states
 from soro_lab.identification.recording.sections import RecordingSegment, SectionLimits, hold_out, sections
 from soro_lab.identification.recording.sources.columns import Columns
@@ -13,7 +11,7 @@ from soro_lab.identification.recording.sources.from_csv import read_csv
 from soro_lab.identification.recording.sources.manual_release import without_hands
 from soro_lab.identification.recording.sources.names import check_names
 from soro_lab.identification.recording.stale import StaleLimits
-from soro_lab.identification.recording.stillness import StillLimits, still_limits
+from soro_lab.identification.recording.stillness import StillLimits, check_motion, moves, still_limits
 from soro_lab.identification.recording.streams import (
     Bend,
     Curvature,

@@ -10,7 +10,7 @@ import numpy as np
 
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ConfigError
-from soro_lab.identification.recording.faults import OmittedSamples
+from soro_lab.identification.recording.recording import OmittedSamples
 from soro_lab.identification.recording.stale import StaleLimits, find_stale
 from soro_lab.identification.recording.streams import Bend, Curvature, Imu, Marker, Plate, Series, Stream
 from soro_lab.identification.records import LATE_S

@@ -1,4 +1,4 @@
-"""When pressures and shape of a recording stand still, in blocks of equal time."""
+"""When pressures and shape of a recording stand still, in blocks, and whether it moves at all."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.arrays import Array, Flags
+from soro_core.errors import ConfigError
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.streams import (
     Attitude,
@@ -183,3 +184,26 @@ def _still(stream: Stream, edges: Array, limits: StillLimits) -> tuple[Flags, Fl
             if drifted[block]:
                 still[block + lag // 2] = False
     return still, known
+
+
+# A range below so many deviations of the noise is noise: that of 10 000 samples spans 8.
+_NOISE = 10.0
+
+
+def moves(stream: Stream) -> bool:
+    """Return whether a stream moves by more than its noise."""
+    table = stream.motion()
+    return len(table) > 3 and bool((np.ptp(table, axis=0) > _NOISE * noise(stream)).any())
+
+
+def check_motion(recordings: Sequence[Recording]) -> None:
+    """Refuse recordings in none of which the arm moves; one at rest among others is evidence of the rest.
+
+    Raises
+    ------
+    ConfigError
+        That names them.
+    """
+    if not any(moves(stream) for recording in recordings for stream in recording.shapes):
+        names = ", ".join(recording.name for recording in recordings) or "no recording"
+        raise ConfigError(names, "", "no motion", "one or more recordings in which the arm moves")

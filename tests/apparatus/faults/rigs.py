@@ -19,8 +19,7 @@ from soro_hardware.board.config import BoardPlatform, StopContact
 from soro_hardware.board.driver import BoardRegulator
 from soro_hardware.canopen.driver import CanopenRegulator
 from soro_hardware.emulation.devices import EmulatedDevices
-from soro_hardware.emulation.families import emulate
-from soro_hardware.emulation.process import Emulator
+from soro_hardware.emulation.process import Emulator, emulate
 from soro_hardware.emulation.veab import EmulatedVeabServer
 from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.platform import PlatformBase

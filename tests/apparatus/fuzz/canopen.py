@@ -10,9 +10,9 @@ from soro_hardware import load_platform
 from soro_hardware.canopen import frames
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.canopen.monitor import NodeMonitor
-from soro_hardware.emulation.canopen.slcan_server import SlcanServer
+from soro_hardware.emulation.canopen.adapter import SlcanServer
 from soro_hardware.emulation.canopen.world import World
-from soro_hardware.transport import slcan_codec, socketcand_codec
+from soro_hardware.transport import slcan_codec, socketcand
 from soro_hardware.transport.frame import Frame
 from tests.apparatus.faults.rigs import canopen
 from tests.apparatus.fuzz.pieces import Counted, Target, damaged
@@ -42,7 +42,7 @@ _TO_NODES = [
 _FROM_ADAPTER = [*map(slcan_codec.encode, _TO_HOST), b"z\r", b"\r", b"sa000000\r", b"sb255255\r", b"e1a\r"]
 _FROM_HOST = [*map(slcan_codec.encode, _TO_NODES), b"O\r", b"C\r", b"S8\r", b"F\r", b"V\r", b"N\r", b"L\r"]
 _FROM_SERVER = [
-    *(socketcand_codec.encode_frame(frame, 1_500_000_000) for frame in _TO_HOST),
+    *(socketcand.encode_frame(frame, 1_500_000_000) for frame in _TO_HOST),
     b"< hi >",
     b"< ok >",
     b"< error 20000040 1.000000 >",
@@ -56,7 +56,7 @@ def lines_to_the_driver(pieces: int, seed: int) -> Counted:
 
 def words_to_the_driver(pieces: int, seed: int) -> Counted:
     """Every pair of brackets of a socketcand server is one message or one count."""
-    return _decoded(pieces, seed, socketcand_codec.SocketcandDecoder(), _FROM_SERVER, (b"<", b">"), b"<>")
+    return _decoded(pieces, seed, socketcand.SocketcandDecoder(), _FROM_SERVER, (b"<", b">"), b"<>")
 
 
 def frames_to_the_driver(pieces: int, seed: int) -> Counted:
@@ -123,7 +123,7 @@ def alive(driver: object, cycle: int, period_ns: int = 5_000_000) -> None:
 def _decoded(
     pieces: int,
     seed: int,
-    decoder: slcan_codec.SlcanDecoder | socketcand_codec.SocketcandDecoder,
+    decoder: slcan_codec.SlcanDecoder | socketcand.SocketcandDecoder,
     messages: list[bytes],
     around: tuple[bytes, bytes],
     ends: bytes,

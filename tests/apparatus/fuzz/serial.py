@@ -9,12 +9,11 @@ from functools import partial
 from typing import Any
 
 from soro_hardware import load_platform
-from soro_hardware.emulation.families import emulate
+from soro_hardware.emulation.process import emulate
 from soro_hardware.platform import PlatformBase
 from soro_hardware.serial_line.line.channel import Channel
 from soro_hardware.serial_line.line.engine import LineEngine
-from soro_hardware.serial_line.line.lines import LONGEST_LINE
-from soro_hardware.serial_line.line.request import Request
+from soro_hardware.serial_line.line.request import LONGEST_LINE, Request
 from tests.apparatus.faults.rigs import Rig, in_process
 from tests.apparatus.fuzz.canopen import alive
 from tests.apparatus.fuzz.pieces import Counted, Target, damaged

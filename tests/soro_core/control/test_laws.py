@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 import yaml
 
-from soro_core import load_robot, robot_from_dict
+from soro_core import load_robot, registered, robot_from_dict
 from soro_core.config import find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.laws import Law, registry
+from soro_core.control.laws import Law
 from tests.refused import refused
 
 ROOT = Path(__file__).parents[3]
@@ -34,7 +34,7 @@ def entry(monkeypatch):
         assert group == "soro.laws"
         return [one for one in found if name in (None, one.name)]
 
-    monkeypatch.setattr(registry, "entry_points", entry_points)
+    monkeypatch.setattr(registered, "entry_points", entry_points)
     return lambda name, value: found.append(EntryPoint(name, value, "soro.laws"))
 
 

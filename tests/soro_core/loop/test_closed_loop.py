@@ -68,7 +68,7 @@ def test_other_noise(robot, seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("payload", [0.0, 0.01, 0.03])
+@pytest.mark.parametrize("payload", [0.0, 0.03])
 def test_other_payloads(robot, payload):
     """With 30 g the vented arm lies over; the largest error is on the way up, before anything was learnt."""
     record = run(robot, Setup(payload_kg=payload, duration_s=LEARNT_S))
@@ -78,16 +78,14 @@ def test_other_payloads(robot, payload):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("period", [3.0, 6.0])
-def test_other_periods(robot, period):
-    record = run(robot, Setup(control=circle(period_s=period), duration_s=14.0))
-    report(f"period {period} s", record)
+def test_a_quicker_circle(robot):
+    record = run(robot, Setup(control=circle(period_s=3.0), duration_s=14.0))
+    report("period 3 s", record)
     assert record.rms() <= 1.8e-3
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("payload", [0.0, 0.02])
-@pytest.mark.parametrize("ticks", [4, 20])
+@pytest.mark.parametrize(("payload", "ticks"), [(0.0, 20), (0.02, 4), (0.02, 20)])
 def test_delay_beyond_the_known_one(robot, payload, ticks):
     """20 and 100 ms on top: the tip is late by as much, and nothing oscillates."""
     record = run(robot, Setup(payload_kg=payload, command_delay=ticks, duration_s=14.0))

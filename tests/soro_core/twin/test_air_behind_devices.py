@@ -7,8 +7,8 @@ from soro_core.errors import ModelError
 from soro_core.pneumatics import ValveAction, ValveModel, healthy
 from soro_core.twin import Twin, TwinConfig
 from soro_hardware import load_platform
-from soro_hardware.emulation.families import emulate
 from soro_hardware.emulation.faults.fault_types import Injection
+from soro_hardware.emulation.process import emulate
 from tests.apparatus.faults.matrix import FOUR
 from tests.apparatus.faults.rigs import PLATFORMS, rig_of
 from tests.apparatus.faults.rows import Row

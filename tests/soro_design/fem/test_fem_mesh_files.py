@@ -11,8 +11,7 @@ from soro_core.extras import MissingPackageError
 from soro_design.fem.elements.mesh import make_mesh
 from soro_design.fem.loads import no_loads, traction
 from soro_design.fem.meshes.blocks import block, tube
-from soro_design.fem.meshes.mesh_files import mesh_step, read_mesh, write_mesh
-from soro_design.fem.meshes.simplices import split
+from soro_design.fem.meshes.mesh_files import mesh_step, read_mesh, split, write_mesh
 from soro_design.fem.meshes.surface import is_closed, solid_surface, volume
 from soro_design.fem.part import make_part
 from soro_design.fem.solve.newton import solve

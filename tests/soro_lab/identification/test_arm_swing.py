@@ -9,9 +9,9 @@ from soro_lab.identification.arm.cases.parameters import numbers_of, with_number
 from soro_lab.identification.arm.frames import frame_numbers
 from soro_lab.identification.arm.judge import ranges
 from soro_lab.identification.arm.laws import free_parameters, plain
+from soro_lab.identification.arm.search.blind import swinging
 from soro_lab.identification.arm.search.prepare import first_errors, split
 from soro_lab.identification.arm.search.problem import Problem
-from soro_lab.identification.arm.search.swing import swinging
 
 
 def test_a_stiffness_that_is_half_is_doubled_and_the_gain_with_it() -> None:

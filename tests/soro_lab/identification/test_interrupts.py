@@ -9,7 +9,7 @@ from soro_core import load_robot
 from soro_lab.identification.arm import stages
 from soro_lab.identification.arm.cases.parameters import with_numbers
 from soro_lab.identification.arm.laws import LAWS, plain
-from soro_lab.identification.interrupts import only_in_searches, searching
+from soro_lab.identification.search import only_in_searches, searching
 
 
 def test_ctrl_c_between_searches_keeps_what_is_found(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from made_rod import Z, made_data, poses_of
 
 from soro_design.parts.sweeps import Backbone
 from soro_design.robot_of_part.modes import kept, modes
-from soro_design.robot_of_part.verdict import kept_verdict, link_verdict
+from soro_design.robot_of_part.written import kept_verdict, link_verdict
 
 DATA = made_data(n=1)
 PLACE = 0.5 * (Z[1:] + Z[:-1]) / Z[-1]

@@ -13,9 +13,9 @@ from soro_core.control.reference_feasibility import check_reach
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_hardware import load_platform
 from soro_lab.scaffold import ScaffoldOptions, files, new_arm, write_arm
+from soro_lab.scaffold.files import scalar
 from soro_lab.scaffold.reference import LINK_BEND, LONGEST
 from soro_lab.scaffold.robot_file import DAMPING
-from soro_lab.scaffold.text import scalar
 from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
 from tests.refused import refused

@@ -2,8 +2,7 @@
 
 import pytest
 
-from soro_core.frames import Frames
-from soro_core.run_keys import SHARED
+from soro_core.run_keys import SHARED, Frames
 from soro_core.safety import Limits
 from soro_core.twin.config import TwinConfig, TwinSection
 from soro_lab.scene import Scene, load_scene

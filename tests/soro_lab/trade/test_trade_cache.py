@@ -10,7 +10,7 @@ from small import GRID, Counting, robot
 import soro_core
 from soro_core.robot import Discretisation
 from soro_lab.scene import Requirement, Scene
-from soro_lab.trade import Candidate, bare_case, run_study, sources
+from soro_lab.trade import Candidate, bare_case, cache, run_study
 from soro_lab.trade import cache as keys
 from soro_lab.trade import study as study_module
 from soro_lab.trade.cache import Cache
@@ -98,7 +98,7 @@ def test_a_loop_depends_on_all_that_the_scene_says_of_it(change):
 
 def test_results_depend_on_the_sources_of_the_loop():
     root = Path(soro_core.__file__).parents[1]
-    found = {path.relative_to(root).as_posix() for path in sources.source_files(root)}
+    found = {path.relative_to(root).as_posix() for path in cache.source_files(root)}
     core = {"loop.py", "safety/limiter.py", "twin/plant.py", "control/controller.py"}
     parts = {f"soro_core/{name}" for name in core} | {"soro_lab/scene/scene.py", "soro_lab/scene/loop.py"}
     assert parts <= found

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soro_lab.trade.pareto import near_front, pareto
+from soro_lab.trade.results import near_front, pareto
 
 points = st.lists(st.tuples(st.floats(0.1, 10), st.floats(0.1, 10)), min_size=1, max_size=30)
 

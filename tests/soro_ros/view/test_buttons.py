@@ -8,7 +8,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from soro_ros.host import middleware
-from soro_ros.view.buttons import Buttons
+from soro_ros.view.live import Buttons
 from tests.soro_ros.conftest import own_domain
 from tests.soro_ros.running import wait_until
 

@@ -10,9 +10,8 @@ pytest.importorskip("viser", reason="the extra `view` is not installed")
 from soro_core.robot import load_robot
 from soro_core.robot.surroundings import Contacts, Plane, Sphere
 from soro_ros.view.access import Access
-from soro_ros.view.contact import touching, turned_to
 from soro_ros.view.moment import Moment
-from soro_ros.view.page import ViewerPage
+from soro_ros.view.page import ViewerPage, touching, turned_to
 from soro_ros.view.server import ViewServer
 
 ROBOT = load_robot("tue_three_bellow")

@@ -10,11 +10,13 @@ from typing import Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicHermiteSpline
+from scipy.linalg import eigh
 
 from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
+from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_lab.identification.arm.cases.initial_conditions import at_start
 from soro_lab.identification.recording.recording import Recording
@@ -216,3 +218,24 @@ def _thinned(t: Array, rate_hz: float) -> NDArray[np.bool_]:
     if len(t):
         keep[np.unique(np.floor((t - t[0]) * rate_hz + 1e-6), return_index=True)[1]] = True
     return keep
+
+
+# No step is longer: pressures of regulators change within some 50 ms.
+LONGEST_S = 0.01
+
+
+def longest_step(arm: SoftArm, turn: float) -> float:
+    """Return a step [s] in which the slowest swing of an arm at rest turns by at most `turn` [rad].
+
+    The stepper of `Whole` makes a swing slower by 0.04 `turn`^2 of its frequency.
+
+    Raises
+    ------
+    ModelError
+        If the arm has no rest without pressure.
+    """
+    none = np.zeros(arm.n_u)
+    rest = equilibrium(arm, none)
+    stiffness = RestForces(arm, none, 0.0).stiffness(rest)
+    square = float(eigh(0.5 * (stiffness + stiffness.T), arm.inertia_matrix(rest), eigvals_only=True)[0])
+    return min(LONGEST_S, turn / np.sqrt(square)) if square > 0.0 else LONGEST_S

@@ -7,10 +7,11 @@ from collections.abc import Iterator, Sequence
 from soro_lab.identification.arm.report import tables
 from soro_lab.identification.arm.report.fit_pictures import (
     correlation_picture,
+    histogram,
     laws_picture,
     profiles_picture,
+    run_picture,
 )
-from soro_lab.identification.arm.report.run_pictures import histogram, run_picture
 from soro_lab.identification.arm.report.tables import Content
 from soro_lab.identification.arm.report.traces import ShapeTrace
 from soro_lab.reporting.html import Block, Bullets, Chapter, Heading, Page, Picture, Words

@@ -6,7 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from soro_core._jit import inner
 from soro_core.arrays import Array
+from soro_core.model.links.linear import assign, assign_matrix
 
 
 class Belief(NamedTuple):
@@ -52,3 +54,11 @@ class Belief(NamedTuple):
     def drift(self) -> Array:
         """Rate of the disturbance (n_d,)."""
         return self.mean[3 * self.n :]
+
+
+@inner
+def assign_belief(belief: Belief, out: Belief) -> None:
+    """Out <- belief."""
+    assign(belief.mean, out.mean)
+    assign(belief.internal, out.internal)
+    assign_matrix(belief.covariance, out.covariance)

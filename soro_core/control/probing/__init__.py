@@ -1,0 +1,1 @@
+"""The probe before control: each chamber alone to a small pressure, and what the answers say."""

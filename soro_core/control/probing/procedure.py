@@ -1,0 +1,307 @@
+"""The probe, tick by tick: a state machine that gives set points until it has its findings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, NamedTuple, TypeAlias
+
+import numpy as np
+
+from soro_core.arrays import Array
+from soro_core.control.probing.dead_time import judge_dead_time
+from soro_core.control.probing.findings import FAIL, STOP, ProbeFinding, judge_answers
+from soro_core.control.probing.plan import ProbedArm, plan_probe, way
+from soro_core.control.probing.wiring import HeldState, WiringModel
+
+Phase: TypeAlias = Literal["rest", "trial", "press", "fall", "done"]
+Between: TypeAlias = Callable[[], None]
+# The filter needs this time from its start to the arm [s].
+_FOUND_S = 0.5
+# Longest wait for an arm that still moves [s].
+_REST_S = 4.0
+# Way of an arm at rest within a window, as a part of the length, and pressure of an empty chamber [Pa].
+_STILL_PART = 0.02
+# Part of the set point that a reading has at the end of a hold, and absolute error that it may have [Pa].
+_FOLLOWS, _ERROR_PA = 0.5, 600.0
+# Part of its highest pressure with which the first chamber is tried, and least part that is taken.
+TRIAL, _LEAST_PART = 0.125, 0.35
+# Longest time between two samples [s].
+_GAP_S = 0.1
+
+
+class ProbeSample(NamedTuple):
+    """What one tick gives.
+
+    Attributes
+    ----------
+    t_s : float
+        Time [s].
+    q, qd : ndarray (n_q,)
+        Estimated coordinates and rates.
+    pressure_pa : ndarray (n_u,)
+        Measured pressures [Pa gauge].
+    """
+
+    t_s: float
+    q: Array
+    qd: Array
+    pressure_pa: Array
+
+
+class Row(NamedTuple):
+    """A sample, the set points (n_u,) [Pa gauge] that answered it, and the row before."""
+
+    sample: ProbeSample
+    setpoint_pa: Array
+    before: Row | None
+
+    @property
+    def since_s(self) -> float:
+        """Time since the row before [s]."""
+        return 0.0 if self.before is None else self.sample.t_s - self.before.sample.t_s
+
+
+@dataclass(frozen=True)
+class ProbeState:
+    """State of the probe.
+
+    Attributes
+    ----------
+    phase : Phase
+    chamber : int
+        The chamber that is pressed.
+    begun_s : float
+        Time at which the phase began [s]; NaN before the first sample.
+    setpoint_pa : ndarray (n_u,)
+        Set points of now [Pa gauge].
+    from_pa : float
+        Set point of this chamber when the phase began [Pa gauge].
+    part : float
+        Part of the highest pressures that is taken.
+    row : Row or None
+        The latest row.
+    held : tuple of HeldState
+        Of rest and of each chamber.
+    findings : tuple of ProbeFinding
+        Empty until the end.
+    lenient : bool
+        Whether what the answers say only warns.
+    """
+
+    setpoint_pa: Array
+    phase: Phase = "rest"
+    chamber: int = -1
+    begun_s: float = np.nan
+    from_pa: float = 0.0
+    part: float = 1.0
+    row: Row | None = None
+    held: tuple[HeldState, ...] = ()
+    findings: tuple[ProbeFinding, ...] = ()
+    lenient: bool = False
+
+    @property
+    def done(self) -> bool:
+        """Whether the set points are 0 again and the findings complete."""
+        return self.phase == "done"
+
+    @property
+    def refusal(self) -> str:
+        """Why the law must not begin; empty while nothing speaks against it."""
+        levels = (STOP,) if self.lenient else (STOP, FAIL)
+        return "; ".join(str(one) for one in self.findings if one.level in levels)
+
+    @property
+    def said(self) -> str:
+        """All findings."""
+        return "; ".join(str(one) for one in self.findings)
+
+
+class Probe:
+    """The probe of one arm.
+
+    Parameters
+    ----------
+    known : ProbedArm
+    lenient : bool
+        Whether what the answers say only warns; what ends the probe before its end always refuses.
+
+    Raises
+    ------
+    ConfigError
+        If no pressure is within the limits of motion.
+    """
+
+    def __init__(self, known: ProbedArm, lenient: bool = False) -> None:
+        self._known, self._lenient = known, lenient
+        self.plan = plan_probe(known)
+        self._model = WiringModel(known.arm, known.heaviest_kg)
+
+    def initial_state(self) -> ProbeState:
+        """Return the state before the first tick."""
+        return ProbeState(np.zeros(len(self.plan.names)), lenient=self._lenient)
+
+    def step(
+        self, state: ProbeState, sample: ProbeSample, between: Callable[[], None] = lambda: None
+    ) -> ProbeState:
+        """Return the state after a sample, with the set points that answer it.
+
+        On any doubt the set points are 0 at once, and a finding says why.
+
+        Parameters
+        ----------
+        state : ProbeState
+        sample : ProbeSample
+        between : callable
+            Called again and again while the answers are judged, with all set points at 0: this takes longer
+            than a tick.
+        """
+        if state.done:
+            return state
+        if np.isnan(state.begun_s):
+            state = replace(state, begun_s=sample.t_s)
+        if trouble := self._trouble(state, sample):
+            return _ended(state, (ProbeFinding(STOP, *trouble),))
+        state = replace(state, row=Row(sample, state.setpoint_pa, state.row))
+        state = _PHASES[state.phase](self, state, sample, between)
+        assert state.row is not None
+        return replace(state, row=state.row._replace(setpoint_pa=state.setpoint_pa))
+
+    def _trouble(self, state: ProbeState, sample: ProbeSample) -> tuple[str, str] | None:
+        """Return what ends the probe at once, and the step to take."""
+        at = self._at(state)
+        if not all(np.isfinite(values).all() for values in sample):
+            return f"a sample is not finite {at}", "look at the sensors"
+        if state.row is not None and not 0.0 < (gap_s := sample.t_s - state.row.sample.t_s) <= _GAP_S:
+            return f"no estimate of the arm for {gap_s:.2f} s {at}", "look at sensors and estimator"
+        peaks = self._known.fields.peaks(sample.q)
+        if sample.t_s - state.begun_s > _FOUND_S and (peaks > self.plan.limit).any():
+            return f"the arm is bent beyond the limits of motion {at}", "look at load, robot file and sensors"
+        return None
+
+    def _at(self, state: ProbeState) -> str:
+        if state.chamber < 0:
+            return "before any pressure"
+        return f"with {self.plan.names[state.chamber]} at {1e-3 * float(state.setpoint_pa.max()):.1f} kPa"
+
+    def _rest(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
+        plan, config = self.plan, self._known.bounds
+        if sample.t_s - state.begun_s < _FOUND_S + plan.window_s:
+            return state
+        rows = _since(state.row, sample.t_s - plan.window_s)
+        held = _held(rows)
+        moved = max(way(self._known.arm, row.sample.q, held.q) for row in rows)
+        if moved > _STILL_PART * self._known.arm.length and sample.t_s - state.begun_s < _FOUND_S + _REST_S:
+            return state
+        worst = int(np.argmax(np.abs(held.pressure_pa)))
+        if abs(held.pressure_pa[worst]) > config.pressure_pa:
+            found = (
+                f"the arm is not empty: {plan.names[worst]} is at {1e-3 * held.pressure_pa[worst]:.1f} kPa"
+            )
+            return _ended(state, (ProbeFinding(STOP, found, "vent it first"),))
+        if moved > _STILL_PART * self._known.arm.length:
+            found = f"the arm moves: {1e3 * moved:.1f} mm within {plan.window_s:.1f} s without pressure"
+            return _ended(state, (ProbeFinding(STOP, found, "wait until it rests, and enable again"),))
+        return replace(state, phase="trial", chamber=0, begun_s=sample.t_s, held=(held,))
+
+    def _trial(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
+        """Press the first chamber a little: it shows how much a load leaves of the arm's stiffness."""
+        plan, elapsed_s = self.plan, sample.t_s - state.begun_s
+        state = self._towards(state, 0, TRIAL * float(plan.ceiling_pa[0]) * min(elapsed_s / plan.rise_s, 1.0))
+        if elapsed_s < plan.rise_s + plan.settle_s + plan.window_s:
+            return state
+        # Two pressures of one chamber show how stiffness and load share what is left.
+        state = replace(state, held=(*state.held, _held(_since(state.row, sample.t_s - plan.window_s))))
+        moved = way(self._known.arm, sample.q, state.held[0].q)
+        part = float(np.clip(TRIAL * plan.moves_m / max(moved, 1e-9), _LEAST_PART, 1.0))
+        return replace(state, phase="press", begun_s=sample.t_s, from_pa=state.setpoint_pa[0], part=part)
+
+    def _press(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
+        plan, k = self.plan, state.chamber
+        elapsed_s = sample.t_s - state.begun_s
+        top = state.part * float(plan.ceiling_pa[k])
+        risen = min(elapsed_s / plan.rise_s, 1.0)
+        state = self._towards(state, k, state.from_pa + (top - state.from_pa) * risen)
+        if elapsed_s < plan.rise_s + plan.settle_s + plan.window_s:
+            return state
+        held = _held(_since(state.row, sample.t_s - plan.window_s))
+        state = replace(state, held=(*state.held, held))
+        if silent := self._silent(held.pressure_pa - state.held[0].pressure_pa, k, top):
+            return _ended(state, (silent,))
+        if k + 1 < len(plan.names):
+            return replace(state, chamber=k + 1, begun_s=sample.t_s, from_pa=0.0)
+        return replace(state, phase="fall", begun_s=sample.t_s)
+
+    def _silent(self, risen_pa: Array, chamber: int, top_pa: float) -> ProbeFinding | None:
+        """Return a finding if the reading of a chamber has not risen with its set point."""
+        if risen_pa[chamber] >= _FOLLOWS * top_pa - _ERROR_PA:
+            return None
+        names, other = self.plan.names, int(np.argmax(risen_pa))
+        found = (
+            f"{names[chamber]} reads {1e-3 * risen_pa[chamber]:.1f} kPa at a set point of {1e-3 * top_pa:.1f}"
+        )
+        if other != chamber and risen_pa[other] > _FOLLOWS * top_pa:
+            found += f", and {names[other]} reads {1e-3 * risen_pa[other]:.1f}"
+        step = "look at the valve, its line and its sensor: soro hil first-pressure"
+        return ProbeFinding(STOP, found, step)
+
+    def _towards(self, state: ProbeState, chamber: int, wanted_pa: float) -> ProbeState:
+        """Return the state with one set point on its way to a pressure, and the others on theirs to 0."""
+        wanted = np.zeros_like(state.setpoint_pa)
+        if chamber >= 0:
+            wanted[chamber] = wanted_pa
+        step_s = 0.0 if state.row is None else state.row.since_s
+        lowest = state.setpoint_pa - self.plan.fall_pa_s * step_s
+        highest = state.setpoint_pa + self.plan.rise_pa_s * step_s
+        return replace(state, setpoint_pa=np.clip(wanted, lowest, highest))
+
+    def _fall(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
+        plan = self.plan
+        state = self._towards(state, -1, 0.0)
+        if sample.t_s - state.begun_s < plan.settle_s + plan.window_s:
+            return state
+        rows = list(_back(state.row))[::-1]
+        t = np.array([row.sample.t_s for row in rows])
+        command = np.array([row.setpoint_pa for row in rows])
+        reading = np.array([row.sample.pressure_pa for row in rows])
+        late = judge_dead_time(plan.names, t, command, reading, plan.dead_time_s, between)
+        found = judge_answers(self._model, plan.names, state.held, between)
+        return _ended(state, (*found, *late))
+
+
+_PHASES = {"rest": Probe._rest, "trial": Probe._trial, "press": Probe._press, "fall": Probe._fall}
+
+
+def _ended(state: ProbeState, findings: tuple[ProbeFinding, ...]) -> ProbeState:
+    return replace(state, phase="done", setpoint_pa=np.zeros_like(state.setpoint_pa), findings=findings)
+
+
+def _back(row: Row | None) -> Iterator[Row]:
+    """Yield rows, the latest first."""
+    while row is not None:
+        yield row
+        row = row.before
+
+
+def _since(row: Row | None, since_s: float) -> list[Row]:
+    """Return the rows since a time [s], the oldest first."""
+    found = []
+    for one in _back(row):
+        if one.sample.t_s < since_s:
+            break
+        found.append(one)
+    return found[::-1]
+
+
+def _held(rows: Sequence[Row]) -> HeldState:
+    """Return the means of some rows."""
+    samples = [row.sample for row in rows]
+    span_s = max(samples[-1].t_s - samples[0].t_s, 1e-9)
+    few = max(1, len(samples) // 10)
+
+    def change(values: list[Array]) -> Array:
+        return np.asarray(np.mean(values[-few:], axis=0) - np.mean(values[:few], axis=0)) / span_s
+
+    q, qd = [one.q for one in samples], [one.qd for one in samples]
+    pressure = np.mean([one.pressure_pa for one in samples], axis=0)
+    return HeldState(np.mean(q, axis=0), change(q), change(qd), pressure)

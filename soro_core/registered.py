@@ -1,0 +1,46 @@
+"""What other packages offer by name: entry points of a group, beside the names that soro brings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from importlib.metadata import entry_points
+from typing import Any
+
+
+def names_of(group: str, shipped: Iterable[str]) -> tuple[str, ...]:
+    """Return the shipped names, then those of other packages in the group."""
+    own = tuple(shipped)
+    return (*own, *sorted({entry.name for entry in entry_points(group=group)} - set(own)))
+
+
+def load(group: str, shipped: Iterable[str], name: str, is_one: Callable[[Any], bool], one: str) -> Any:
+    """Load what another package offers.
+
+    Parameters
+    ----------
+    group, name : str
+        Group of the entry point, and its name.
+    shipped : iterable of str
+        Names that are no entry points.
+    is_one : callable
+        Whether an object is of the kind that the group has.
+    one : str
+        That kind, for errors.
+
+    Raises
+    ------
+    ValueError
+        If there is none of this name, or its package does not load; the text says what is allowed.
+    """
+    names, found = names_of(group, shipped), tuple(entry_points(group=group, name=name))
+    if not found:
+        raise ValueError(f"one of {', '.join(names)}")
+    others, value = ", ".join(other for other in names if other != name), found[0].value
+    try:
+        loaded = found[0].load()
+    except Exception as error:  # whatever another package does when it is imported
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"{others}; {value} does not load ({reason})") from None
+    if not is_one(loaded):
+        raise ValueError(f"{others}; {value} is no {one}")
+    return loaded

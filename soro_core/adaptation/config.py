@@ -74,7 +74,9 @@ class LearnerConfig(Strict):
         description="variance by which the mass may move in a second while the residual is large, as a part "
         "of its prior variance",
     )
-    bound_s: float = Field(1.0, gt=0, le=100, description="time at a bound after which the prior is restored")
+    bound_s: float = Field(
+        1.0, gt=0, le=100, description="time of the mass at its bound after which the status says so"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> LearnerConfig:

@@ -324,10 +324,7 @@ class Learner:
     def _named(self, chambers: Array, information: Array) -> str:
         """Return which chambers differ from the others of their link."""
         only = np.eye(self.size)[:, self.force.size :]
-        try:
-            covariance = np.linalg.solve(information, only)[self.force.size :]
-        except np.linalg.LinAlgError:
-            return ""
+        covariance = np.asarray(np.linalg.solve(information, only)[self.force.size :])
         return self.chambers.named(chambers, covariance)
 
     def _restored(self, state: LearnerState, note: str) -> LearnerState:

@@ -192,8 +192,9 @@ def test_samples_that_fit_badly_count_less():
 def test_singular_information_restores_the_prior():
     learner = Learner(ARM, config())
     state = learn(learner, true_model(), 100)
-    singular = replace(state, information=np.zeros_like(state.information))
-    object.__setattr__(learner, "prior", np.zeros_like(learner.prior))
+    nothing = np.zeros_like(state.information)
+    singular = replace(state, information=nothing, prior=nothing)
+    object.__setattr__(learner, "_prior", lambda chambers: nothing)
     still = sample(np.zeros(N), np.zeros(N), true_model())
     after = learner.step(replace(singular, residual=None, regressor=None), still, DT)
     assert after.restored == 1

@@ -36,7 +36,7 @@ def test_a_weak_chamber_is_tracked_and_named_within_five_seconds():
     print(f"RMS {100 * record.rms(4.0) / HANGING.length:.2f} % of the length; {named[0]}, {named[-1]}")
     assert record.rms(4.0) < 0.005 * HANGING.length
     assert named[0][0] < 5.0
-    assert all(re.findall("chamber[0-9]", said) == ["chamber1"] for _, said in named)
+    assert all(set(re.findall("chamber[0-9]", said)) == {"chamber1"} for _, said in named)
     assert float(re.search(r"gives ([0-9.]+) of", named[-1][1])[1]) == pytest.approx(0.6, abs=0.05)
 
 

@@ -13,6 +13,7 @@ from soro_core.arrays import Array
 from soro_core.model import dynamics
 from soro_core.model.checks import flat_wrench
 from soro_core.model.derivative import entries
+from soro_core.model.records import ArmState
 
 
 @kernel
@@ -26,7 +27,7 @@ def loop(box: Box, q: Array, qd: Array, z: Array, p: Array, w: Array, qdd: Array
         for b in range(n_q):
             x[b] = q[i % q.shape[0], b] + 1e-30 * qdd[b]
             v[b] = qd[i % q.shape[0], b]
-        bad += dynamics.forward_dynamics(arm.tables, arm.work, x, v, z, p, w, qdd)
+        bad += dynamics.forward_dynamics(arm.tables, arm.work, ArmState(x, v, z), p, w, qdd)
     return bad
 
 
@@ -42,7 +43,7 @@ def derivative_loop(
         for b in range(n_q):
             x[b] = q[i % q.shape[0], b] + 1e-30 * by[0, b, b]
             v[b] = qd[i % q.shape[0], b]
-        bad += entries.acceleration_derivatives(box, room, p, w, x, v, qdd, by[0], by[1], by_p)
+        bad += entries.acceleration_derivatives(box, room, (x, v, qdd), p, w, (by[0], by[1], by_p))
     return bad
 
 

@@ -36,7 +36,7 @@ FLAT = 0.1
 
 HEADER = """# Scene gallery
 
-Each scene below is a file that you can run, read and change:
+Each [scene](README.md) below is a file that you can run, read and change:
 
     soro scenes                                      # prints name and purpose of each
     soro run set_points                              # in real time; --set mode=lockstep: without deadlines
@@ -45,10 +45,10 @@ Each scene below is a file that you can run, read and change:
     soro scenes set_points > my_scenes/mine.yaml     # with a copy to change,
     soro scenes --folder my_scenes                   # which is listed too
 
-The pictures show three things: the arm at the end of its run (colours are pressures, grey is the reference of
-the tip, red its path in the last seconds); the path of its tip from above, or the pressures; and the distance of
-the tip from its reference. The tip is the true one of the simulated arm. `make gallery` runs the scenes in
-lockstep and makes this page from them; `tests/soro_ros/test_scenes.py` runs the first seconds of each.
+The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
+its path in the last seconds), the path of its true tip from above, or the pressures, and the distance of the
+tip from its reference. `make gallery` runs the scenes in lockstep and makes this page from them;
+`tests/soro_ros/test_scenes.py` runs the first seconds of each.
 """
 
 
@@ -138,7 +138,7 @@ def section(scene: Scene, figures: dict[str, Any]) -> str:
         result += f"; tip error in the last 5 s {1e3 * error:.2f} mm RMS, {part:.1%} of the length"
     elif figures["reason"]:
         result += f": {figures['reason']}"
-    picture = f"![{what}](images/gallery/{scene.name}.png)"
+    picture = f"![{scene.name}](images/gallery/{scene.name}.png)"
     file = f"[config/scenes/{scene.name}.yaml](../config/scenes/{scene.name}.yaml)"
     return f"## {scene.name}\n\n{what}\n\n{picture}\n\n{comment_of(scene)}\n\n{result}. {file}\n"
 

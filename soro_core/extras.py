@@ -18,23 +18,24 @@ from typing import Any
 from soro_core.errors import ConfigError
 
 
-def lazy(package: str, homes: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return a ``__getattr__`` for a package.
+def lazy(package: str, homes: Mapping[str, str]) -> tuple[list[str], Callable[[str], Any]]:
+    """Return ``__all__`` and ``__getattr__`` of a package.
 
     Parameters
     ----------
     package : str
-        The package's own name, for the error.
+        Name of the package, from which relative modules are taken.
     homes : mapping
-        Module in which each public name lives.
+        The public names of each module that has some, separated by spaces.
     """
+    modules = {name: module for module, names in homes.items() for name in names.split()}
 
     def get(name: str) -> Any:
-        if name not in homes:
+        if name not in modules:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(homes[name]), name)
+        return getattr(import_module(modules[name], package), name)
 
-    return get
+    return sorted(modules), get
 
 
 # Packages of each extra, by the name that is imported; "" is what every installation has.

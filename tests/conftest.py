@@ -117,16 +117,18 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 # compiles their kernels.
 _COMPILES = "tests/soro_core/loop/test_closed_loop.py::test_the_main_job"
 _NODES = (_COMPILES, "tests/soro_core/twin/", "tests/soro_ros/")
-# Long runs of nodes that keep no time: either worker takes them, a file at a time, so that both end together.
+# Devices answer in real time too, and wait more than they compute: another worker takes them all.
+_DEVICES = "tests/soro_hardware/"
+# Long runs of nodes that keep no time: any worker takes them, a file at a time, so that all end together.
 _LOCKSTEP = tuple(
     f"tests/soro_ros/test_{name}.py"
     for name in ("whole_way", "closed_loop", "excite", "new_command", "fault_injection", "scenes")
 )
-# The other worker computes meanwhile: first what needs no kernels, or only its own (finite elements), until
-# those of the nodes are there, and what compiles the other variants of a step, which two workers would both
-# compile; last what keeps time by the clock, when the nodes are done or nearly so.
+# A third one computes meanwhile: first what needs no kernels, or only its own (finite elements), until
+# those of the nodes are there, and what compiles the other variants of a step, which two would both compile.
 _ORDER = (
     *_NODES,
+    _DEVICES,
     "tests/soro_lab/bag/",
     "tests/soro_core/safety/",
     "tests/soro_design/fem/",
@@ -138,7 +140,6 @@ _ORDER = (
     "",
     *_LOCKSTEP,
     "tests/benchmarks/",
-    "tests/soro_hardware/",
 )
 
 
@@ -157,7 +158,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 # `--dist loadgroup` does not do it: xdist 3.8 writes the group into `_nodeid`, which pytest 9.2 has not.
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
-    """Give the runs of nodes to one worker but for long ones in lockstep, and the others file by file.
+    """Give the nodes that keep time to one worker, the devices to one, and the rest to any, file by file.
 
     What the tests of a file share is then made once.
     """
@@ -165,19 +166,21 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
 
     class Scheduling(LoadScopeScheduling):
         def _split_scope(self, nodeid: str) -> str:
-            real_time = nodeid.startswith(_NODES) and not nodeid.startswith(_LOCKSTEP)
-            return "nodes" if real_time else nodeid.split("::")[0]
+            if nodeid.startswith(_DEVICES):
+                return "devices"
+            in_real_time = nodeid.startswith(_NODES) and not nodeid.startswith(_LOCKSTEP)
+            return "nodes" if in_real_time else nodeid.split("::")[0]
 
     config.option.loadscopereorder = False  # keeps `_ORDER`
     return Scheduling(config, log)
 
 
-_BEGUN = pytest.StashKey[bool]()
+_NICE = pytest.StashKey[bool]()
 
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
-    """Lower the priority of the worker that computes beside the nodes, which keep time by the clock."""
-    if "PYTEST_XDIST_WORKER" in os.environ and _BEGUN not in item.config.stash:
-        item.config.stash[_BEGUN] = True
-        if not item.nodeid.startswith(_NODES):
-            os.nice(5)
+    """Lower the priority of what computes beside nodes and devices, which keep time by the clock."""
+    keeps_time = item.nodeid.startswith((*_NODES, _DEVICES))
+    if "PYTEST_XDIST_WORKER" in os.environ and not keeps_time and _NICE not in item.config.stash:
+        item.config.stash[_NICE] = True
+        os.nice(5)

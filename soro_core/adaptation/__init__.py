@@ -1,36 +1,24 @@
 """What is learned while the arm moves: one model for law and filter, and a bias of each regulator."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from soro_core.extras import lazy
 
 if TYPE_CHECKING:
-    from soro_core.adaptation.force import LearnedForce
-    from soro_core.adaptation.learned import Learned
-    from soro_core.adaptation.learner import Learner, LearnerSample, LearnerState
-    from soro_core.adaptation.regulators import ObserverState, RegulatorObserver
+    from soro_core.adaptation.force import LearnedForce as LearnedForce
+    from soro_core.adaptation.learned import Learned as Learned
+    from soro_core.adaptation.learner import Learner as Learner
+    from soro_core.adaptation.learner import LearnerSample as LearnerSample
+    from soro_core.adaptation.learner import LearnerState as LearnerState
+    from soro_core.adaptation.regulators import ObserverState as ObserverState
+    from soro_core.adaptation.regulators import RegulatorObserver as RegulatorObserver
 
-__all__ = [
-    "Learned",
-    "LearnedForce",
-    "Learner",
-    "LearnerSample",
-    "LearnerState",
-    "ObserverState",
-    "RegulatorObserver",
-]
-
-__getattr__ = lazy(
+__all__, __getattr__ = lazy(
     __name__,
     {
-        "Learned": "soro_core.adaptation.learned",
-        "LearnedForce": "soro_core.adaptation.force",
-        "Learner": "soro_core.adaptation.learner",
-        "LearnerState": "soro_core.adaptation.learner",
-        "RegulatorObserver": "soro_core.adaptation.regulators",
-        "ObserverState": "soro_core.adaptation.regulators",
-        "LearnerSample": "soro_core.adaptation.learner",
+        ".force": "LearnedForce",
+        ".learned": "Learned",
+        ".learner": "Learner LearnerSample LearnerState",
+        ".regulators": "ObserverState RegulatorObserver",
     },
 )

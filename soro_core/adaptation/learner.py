@@ -20,7 +20,7 @@ from soro_core.adaptation.bounds import bounded_minimum
 from soro_core.adaptation.chamber_gains import chamber_model
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
-from soro_core.adaptation.kernel.information import gain
+from soro_core.adaptation.kernel.information import LearningRule, RuleFields, gain
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.nonuniform_force import NonuniformForce
@@ -139,13 +139,21 @@ class Learner:
         self.chambers = chamber_model(arm, config.gain_std, config.slope_std, self.force.scales.q)
         self.size = self.force.size + self.chambers.size
         self.slope = self._slope()
-        self.noise = config.noise**2 * np.eye(arm.n_q)
         self.load_prior = np.diag(deviation**-2)
         self.prior = self._prior(np.zeros(self.chambers.size))
         self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         bound = np.full(weights, config.weight_bound)
         self.lower = np.concatenate([[config.mass_lower_kg], -bound, self.chambers.lower])
         self.upper = np.concatenate([[config.mass_upper_kg], bound, self.chambers.upper])
+        self._rule = LearningRule(
+            config.low_pass_per_s,
+            config.forget_s,
+            config.forget_factor,
+            config.mass_walk_per_s * config.mass_std_kg**2,
+            self.prior,
+            config.noise**2 * np.eye(arm.n_q),
+            self.slope,
+        )
         self._box = make_box(arm.tables)
         zero = np.zeros(arm.n_q)
         self._nothing = NonuniformForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
@@ -195,22 +203,18 @@ class Learner:
         scales, unmodelled = self.force.scales, sample.unmodelled or self._nothing
         code = show(
             self._box,
-            np.array(sample.q),
-            np.array(sample.qd),
-            qdd,
-            np.array(sample.pressure_pa),
-            np.array(sample.creep),
-            covariance,
-            scales.force,
-            scales.q,
-            unmodelled.mass_kg,
-            unmodelled.q,
-            unmodelled.force,
-            unmodelled.by_mass,
-            unmodelled.by_q,
+            (
+                np.array(sample.q),
+                np.array(sample.qd),
+                qdd,
+                np.array(sample.pressure_pa),
+                np.array(sample.creep),
+                covariance,
+            ),
+            (unmodelled.q, unmodelled.mass_kg, unmodelled.force, unmodelled.by_mass, unmodelled.by_q),
+            (scales.force, scales.q),
             part,
-            residual,
-            of_force,
+            (residual, of_force),
         )
         if code == NOT_FINITE:
             note = "a sample, or its force, that is not finite: not learned"
@@ -223,26 +227,13 @@ class Learner:
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
         prior = self._prior(state.chambers)
-        information = state.information + (prior - state.prior)
-        moment, theta = state.moment.copy(), np.empty(self.size)
-        is_determined = gain(
-            config.low_pass_per_s,
-            config.forget_s,
-            config.forget_factor,
-            config.mass_walk_per_s * config.mass_std_kg**2,
-            dt,
-            prior,
-            self.noise,
-            self.slope,
-            covariance,
-            residual,
-            regressor,
-            np.concatenate([state.learned.theta, state.chambers]),
-            information,
-            moment,
-            theta,
-        )
-        if not is_determined:  # a covariance that cancels the noise, for one
+        information, moment = state.information + (prior - state.prior), state.moment.copy()
+        theta = np.concatenate([state.learned.theta, state.chambers])
+        rule: RuleFields = self._rule._replace(prior=prior)[:]
+        sides = residual, regressor
+        if not gain(
+            rule, dt, covariance, sides, (information, moment), theta
+        ):  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
         within = bounded_minimum(information, moment, theta, self.lower, self.upper)
         mass_kg = within[0]

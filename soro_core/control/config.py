@@ -221,11 +221,11 @@ class ControllerConfig(Strict):
         description="what a finding of the checks before ~/enable does; samples that are not fresh refuse "
         "with warn too; lockstep has no samples before it is enabled and is not checked",
     )
-    probe_at_enable: Literal["refuse", "warn", "off"] | None = Field(
-        None,
-        description="what a finding of the probe does: a small pressure in each chamber before the law begins "
-        "shows whether wiring, base and valves are those of the files; default: refuse in real time, off in "
-        "lockstep",
+    probe_at_enable: Literal["auto", "refuse", "warn", "off"] = Field(
+        "auto",
+        description="what a finding of the probe does: a small pressure in each chamber before the law "
+        "begins shows whether wiring, base and valves are those of the files; auto: refuse in real time, off "
+        "in lockstep",
     )
     enable: EnableBounds = Field(EnableBounds(), description="bounds of the checks before ~/enable")
 

@@ -122,15 +122,15 @@ class NonuniformStrain:
             If the arm has no stiffness in a shape.
         """
         q, qd, qdd = np.array([point.q, point.qd, point.qdd], dtype=np.float64)
-        bent = state.deviation.copy(), state.force.copy(), state.moves.copy()
         slopes = state.slope.copy(), state.even_slope.copy()
+        shape = (state.deviation.copy(), state.force.copy(), state.moves.copy(), *slopes)
         unmodelled = np.empty(q.size), np.empty(q.size), np.empty((q.size, q.size))
-        code = kernel.step(self._box, q, qd, qdd, mass_kg, state.column, *bent, *slopes, *unmodelled)
+        code = kernel.step(self._box, (q, qd, qdd), mass_kg, state.column, shape, unmodelled)
         if code == SINGULAR:
             raise np.linalg.LinAlgError("the non-uniform strain has no equilibrium")
         if code != GOOD:
             raise fault(code, q, qd)
-        return NonuniformStrainState(*bent, *slopes, max(state.column, 0) + 1), NonuniformForce(
+        return NonuniformStrainState(*shape, max(state.column, 0) + 1), NonuniformForce(
             q, mass_kg, *unmodelled
         )
 

@@ -14,11 +14,13 @@ from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.errors import ModelError
+from soro_core.integrate.step_work import Stepping
 from soro_core.model import SoftArm
 from soro_core.model.checks import listed
 from soro_core.model.forces.chambers import add_gradient, volumes
 from soro_core.model.links.linear import assign, clear
 from soro_core.model.tables import AIR, Tables
+from soro_core.model.work import Work
 from soro_core.pneumatics.chamber import Gas, chamber_pressures, make_gas, masses_at
 from soro_core.pneumatics.valve_model import ValveModel
 
@@ -34,37 +36,18 @@ Air: TypeAlias = Gas | NoAir
 
 
 @inner
-def _follow_command(
-    air: NoAir,
-    t: Tables,
-    q: Array,
-    z0: Array,
-    command: Array,
-    span: float,
-    z: Array,
-    pressure: Array,
-    slope: Array,
-) -> bool:
-    assign(command, pressure)
+def _follow_command(air: NoAir, run: Stepping, q: Array, z0: Array, span: float, z: Array) -> bool:
+    assign(run.work.command, run.work.stage_pressure)
     return True
 
 
 @inner
-def _follow_volumes(
-    air: Gas,
-    t: Tables,
-    q: Array,
-    z0: Array,
-    command: Array,
-    span: float,
-    z: Array,
-    pressure: Array,
-    slope: Array,
-) -> bool:
+def _follow_volumes(air: Gas, run: Stepping, q: Array, z0: Array, span: float, z: Array) -> bool:
+    command, pressure, slope = run.work.command, run.work.stage_pressure, run.work.pressure_slope
     n_u, n_z = command.shape[0], z.shape[0]
     mass, volume = n_z - 2 * n_u, n_z - n_u
     end = z[volume:]
-    volumes(t, q, end)
+    volumes(run.tables, q, end)
     for u in range(n_u):
         end[u] += air.volume[u]
     return chamber_pressures(
@@ -73,16 +56,13 @@ def _follow_volumes(
 
 
 @inner
-def _no_stiffness(
-    air: NoAir, t: Tables, q: Array, slope: Array, factor: float, gradient: Array, K: Array
-) -> None:
+def _no_stiffness(air: NoAir, t: Tables, w: Work, q: Array, slope: Array, factor: float) -> None:
     return
 
 
 @inner
-def _add_stiffness(
-    air: Gas, t: Tables, q: Array, slope: Array, factor: float, gradient: Array, K: Array
-) -> None:
+def _add_stiffness(air: Gas, t: Tables, w: Work, q: Array, slope: Array, factor: float) -> None:
+    gradient, K = w.gradient, w.block
     for u in range(slope.shape[0]):
         clear(gradient)
         along = 0.0
@@ -101,12 +81,12 @@ def _add_stiffness(
 
 
 breathe = select_by_type(Gas, _follow_volumes, _follow_command)
-"""breathe(air, t, q, z0, command, span, z, pressure, slope): pressure and slope <- pressures at the end of
-the span and their derivatives by the volumes, z <- masses and volumes at the end of the span; False if a
-volume or a mass is not positive."""
+"""breathe(air, run, q, z0, span, z): work.stage_pressure and .pressure_slope <- pressures at the end of the
+span, commanded by work.command, and their derivatives by the volumes, z <- masses and volumes at the end of
+the span; False if a volume or a mass is not positive."""
 add_air_stiffness = select_by_type(Gas, _add_stiffness, _no_stiffness)
-"""add_air_stiffness(air, t, q, slope, factor, gradient, K): K += factor * H (-dp/dV) H', the block of each
-link; `gradient` is scratch for a column of H (n_q,)."""
+"""add_air_stiffness(air, t, w, q, slope, factor): w.block += factor * H (-dp/dV) H', the block of each link;
+w.gradient is scratch."""
 
 
 def with_air(t: Tables, n_u: int) -> Tables:

@@ -18,15 +18,16 @@ import math
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
+from soro_core.integrate.step_work import StepInput, Stepping
 from soro_core.integrate.steppers.scheme import Dissipative, Scheme
-from soro_core.integrate.system import NOT_RESOLVED, StepWork
+from soro_core.integrate.system import NOT_RESOLVED
 from soro_core.model.dynamics import GOOD
 from soro_core.model.forces.chambers import acting, volumes
 from soro_core.model.forces.elasticity import elastic_energy
 from soro_core.model.forces.external import add_external_forces
 from soro_core.model.forces.internal import internal_energy
 from soro_core.model.method import energy
-from soro_core.model.tables import Tables
+from soro_core.model.records import ArmState, Motion
 
 # Largest removed part of the kinetic energy; for a larger excess the step is divided.
 SHARE = 0.25
@@ -35,27 +36,23 @@ ROUND_OFF = 1e-14
 
 
 @inner
-def _stored(
-    t: Tables, work: StepWork, wrench: Array, q: Array, v: Array, z: Array
-) -> tuple[float, float, float]:
+def _stored(run: Stepping, wrench: Array, at: ArmState) -> tuple[float, float, float]:
     """Return kinetic energy, other stored energy, and the sum of their absolute values [J]."""
-    kinetic, gravity = energy(t, work.model, q, v)
-    outside = add_external_forces(t.external, t, work.model, wrench, q, v, work.model.bias)
-    elastic = elastic_energy(t, q) + internal_energy(t, z) + outside
+    t, w = run.tables, run.work.model
+    kinetic, gravity = energy(t, w, at.q, at.v)
+    outside = add_external_forces(t.external, t, w, wrench, Motion(at.q, at.v, at.v, w.zero), w.bias)
+    elastic = elastic_energy(t, at.q) + internal_energy(t, at.z) + outside
     return kinetic, gravity + elastic, kinetic + abs(gravity) + abs(elastic)
 
 
 @inner
-def _no_begin(
-    m: Scheme, t: Tables, work: StepWork, row: Array, wrench: Array, q0: Array, v0: Array, z0: Array
-) -> None:
+def _no_begin(m: Scheme, run: Stepping, held: StepInput, start: ArmState) -> None:
     return
 
 
 @inner
-def _begin(
-    m: Scheme, t: Tables, work: StepWork, row: Array, wrench: Array, q0: Array, v0: Array, z0: Array
-) -> None:
+def _begin(m: Scheme, run: Stepping, held: StepInput, start: ArmState) -> None:
+    row, wrench, work = held.pressure, held.wrench, run.work
     free = True
     for u in range(row.shape[1]):
         free = free and row[0, u] == row[1, u] and row[1, u] == row[2, u]
@@ -64,45 +61,26 @@ def _begin(
     if not free:
         work.energy[0] = math.inf
     elif not work.energy[0] < math.inf:
-        kinetic, rest, _ = _stored(t, work, wrench, q0, v0, z0)
+        kinetic, rest, _ = _stored(run, wrench, start)
         work.energy[0] = kinetic + rest
 
 
 @inner
-def _no_keep(
-    m: Scheme,
-    t: Tables,
-    work: StepWork,
-    row: Array,
-    wrench: Array,
-    q0: Array,
-    q1: Array,
-    v1: Array,
-    z1: Array,
-) -> int:
+def _no_keep(m: Scheme, run: Stepping, held: StepInput, start: ArmState, end: ArmState) -> int:
     return GOOD
 
 
 @inner
-def _keep(
-    m: Scheme,
-    t: Tables,
-    work: StepWork,
-    row: Array,
-    wrench: Array,
-    q0: Array,
-    q1: Array,
-    v1: Array,
-    z1: Array,
-) -> int:
+def _keep(m: Scheme, run: Stepping, held: StepInput, start: ArmState, end: ArmState) -> int:
+    t, work, row = run.tables, run.work, held.pressure
     if not work.energy[0] < math.inf:
         return GOOD
-    kinetic, rest, size = _stored(t, work, wrench, q1, v1, z1)
+    kinetic, rest, size = _stored(run, held.wrench, end)
     bound = work.energy[0]
     # Scratch for the volumes: no stage needs these arrays any more.
     before, after = work.command, work.stage_pressure
-    volumes(t, q0, before)
-    volumes(t, q1, after)
+    volumes(t, start.q, before)
+    volumes(t, end.q, after)
     for u in range(row.shape[1]):
         p = acting(t, u, row[0, u])
         bound += p * (after[u] - before[u])
@@ -113,8 +91,8 @@ def _keep(
         return GOOD
     if excess <= SHARE * kinetic:
         factor = math.sqrt(1.0 - excess / kinetic)
-        for b in range(v1.shape[0]):
-            v1[b] *= factor
+        for b in range(end.v.shape[0]):
+            end.v[b] *= factor
     elif excess > ROUND_OFF * size:
         return NOT_RESOLVED
     # The bound, not the computed energy, so that round-off does not accumulate.
@@ -123,8 +101,8 @@ def _keep(
 
 
 begin_balance = select_by_type(Dissipative, _begin, _no_begin)
-"""begin_balance(m, t, work, row, wrench, q0, v0, z0): work.energy <- energy at the start of a row of
-pressures (3, n_u), or inf if the work of the input is unknown."""
+"""begin_balance(m, run, held, start): work.energy <- energy at the start of a step, or inf if the work of the
+input is unknown."""
 keep_balance = select_by_type(Dissipative, _keep, _no_keep)
-"""keep_balance(m, t, work, row, wrench, q0, q1, v1, z1): after a step from q0, v1 <- velocities without the
-excess, work.energy <- bound of the energy. Gives NOT_RESOLVED if the kinetic energy is too small for that."""
+"""keep_balance(m, run, held, start, end): after a step, end.v <- velocities without the excess, work.energy
+<- bound of the energy. Gives NOT_RESOLVED if the kinetic energy is too small for that."""

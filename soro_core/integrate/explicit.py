@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.arrays import Array
+from soro_core.integrate.step_work import LATEST, StepInput, Stepping, StepWork, assign_state
 from soro_core.integrate.steppers.scheme import RESOLVED
 from soro_core.integrate.steppers.tableau import Tableau
-from soro_core.integrate.system import (
-    LATEST,
-    NOT_RESOLVED,
-    TOO_STIFF,
-    StepWork,
-    interpolate,
-    jumps,
-)
+from soro_core.integrate.system import NOT_RESOLVED, TOO_STIFF, interpolate, jumps
 from soro_core.model.dynamics import BAD_INPUT, GOOD, NOT_FINITE, check, finite, forward_dynamics
 from soro_core.model.forces.internal import internal_rate
 from soro_core.model.links.linear import assign
+from soro_core.model.records import ArmState
 from soro_core.model.tables import Tables
 
 # Largest number of error-controlled steps within a step of the grid.
@@ -29,36 +25,31 @@ MAX_STEPS = 2000
 FLOOR = 1e-2
 
 
+class GridPart(NamedTuple):
+    """A step of `step` seconds: the `part` of the grid's step from its fraction `begin` on."""
+
+    begin: float
+    part: float
+    step: float
+
+
 @inner
 def explicit_step(
-    m: Tableau,
-    t: Tables,
-    work: StepWork,
-    q0: Array,
-    v0: Array,
-    z0: Array,
-    pressure: Array,
-    wrench: Array,
-    begin: float,
-    part: float,
-    step: float,
-    q1: Array,
-    v1: Array,
-    z1: Array,
+    m: Tableau, run: Stepping, held: StepInput, part: GridPart, start: ArmState, end: ArmState
 ) -> int:
-    """Make a step of `step` seconds, the `part` of the grid's step from its fraction `begin` on; give a code.
+    """Make a step; give a code.
 
     Writes the accelerations and velocities of the stages, and the rates of the internal states, to
     `work.stage_acceleration`, `work.stage_velocity` and `work.stage_rate`.
     """
+    t, work = run.tables, run.work
+    q1, v1, z1 = end
     n = m.nodes.shape[0]
-    n_q, n_z = q0.shape[0], z0.shape[0]
+    n_q, n_z = q1.shape[0], z1.shape[0]
     for stage in range(n + 1):
-        assign(q0, q1)
-        assign(v0, v1)
-        assign(z0, z1)
+        assign_state(start, end)
         for j in range(min(stage, n)):
-            weight = step * m.matrix[stage, j]
+            weight = part.step * m.matrix[stage, j]
             if weight == 0.0:
                 continue
             for b in range(n_q):
@@ -75,8 +66,8 @@ def explicit_step(
             # Known from the last step, or from a rejected one.
             assign(work.memory[LATEST], acceleration)
             continue
-        interpolate(pressure, begin + part * m.nodes[stage], work.stage_pressure)
-        code = forward_dynamics(t, work.model, q1, v1, z1, work.stage_pressure, wrench, acceleration)
+        interpolate(held.pressure, part.begin + part.part * m.nodes[stage], work.stage_pressure)
+        code = forward_dynamics(t, work.model, end, work.stage_pressure, held.wrench, acceleration)
         if code != GOOD:
             return code
         if stage == 0:
@@ -115,14 +106,19 @@ def error_of(m: Tableau, t: Tables, work: StepWork, q: Array, v: Array, step: fl
 
 @kernel
 def explicit_run(
-    m: Tableau, box: Box, times: Array, pressure: Array, wrench: Array, q: Array, v: Array, z: Array
+    m: Tableau, box: Box, given: tuple[Array, Array, Array], rows: tuple[Array, Array, Array]
 ) -> tuple[int, int]:
-    """Fill q, v, z (n_t, ...) from their first rows; pressure (n_t, 3, n_u). Gives (last good row, code)."""
-    stepping = view(box)
-    t, work = stepping.tables, stepping.work
+    """Fill the rows q, v, z (n_t, ...) from their first ones; gives (last good row, code).
+
+    `given` has times (n_t,), pressures (n_t, 3, n_u) and wrenches.
+    """
+    run = view(box)
+    t, work = run.tables, run.work
+    times, pressure, wrench = given
+    q, v, z = rows
     work.known[0], work.size[0] = 0, math.inf
     n = m.nodes.shape[0]
-    q0, v0, z0 = work.q_start, work.v_start, work.z_start
+    start = ArmState(work.q_start, work.v_start, work.z_start)
     code = check(t, q[0], v[0])
     if code != GOOD or not finite(z[0]):
         return 0, code if code != GOOD else NOT_FINITE
@@ -134,18 +130,16 @@ def explicit_run(
         if k > 0 and jumps(pressure[k - 1], p):
             work.known[0] = 0
         h = times[k + 1] - times[k]
-        q1, v1, z1 = q[k + 1], v[k + 1], z[k + 1]
-        assign(q[k], q0)
-        assign(v[k], v0)
-        assign(z[k], z0)
+        held, end = StepInput(p, wrench), ArmState(q[k + 1], v[k + 1], z[k + 1])
+        assign_state(ArmState(q[k], v[k], z[k]), start)
         done, tries = 0.0, 0
         while done < h:
             left = h - done
             size = work.size[0]
             # Two halves are better than a whole step and a tiny rest.
             step = left if size >= left else min(size, 0.5 * left)
-            code = explicit_step(m, t, work, q0, v0, z0, p, wrench, done / h, step / h, step, q1, v1, z1)
-            error = error_of(m, t, work, q0, v0, step) if code == GOOD else math.inf
+            code = explicit_step(m, run, held, GridPart(done / h, step / h, step), start, end)
+            error = error_of(m, t, work, start.q, start.v, step) if code == GOOD else math.inf
             if not m.adaptive:
                 if not error <= 1.0:
                     return k, code if code != GOOD else NOT_RESOLVED
@@ -169,7 +163,5 @@ def explicit_run(
             else:
                 work.known[0] = 0
             done = h if step == left else done + step
-            assign(q1, q0)
-            assign(v1, v0)
-            assign(z1, z0)
+            assign_state(end, start)
     return times.shape[0] - 1, GOOD

@@ -8,16 +8,18 @@ M + c_v R + c_q K of docs/model.md (34), factored once, and again only if conver
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.integrate.air import Air, breathe
-from soro_core.integrate.system import CLOSED, StepWork, factor, force_residual
+from soro_core.integrate.step_work import Stepping
+from soro_core.integrate.system import CLOSED, StageEquation, factor, force_residual
 from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, check, finite
 from soro_core.model.forces.internal import advance_internal
 from soro_core.model.links.sweep import NO, YES
 from soro_core.model.method import solve_system
-from soro_core.model.tables import Tables
+from soro_core.model.records import ArmState
 
 MAX_ITERATIONS = 30
 # Slower contraction than this requires a new Hessian.
@@ -26,33 +28,27 @@ SLOW = 0.2
 ROUND_OFF = 1e-9
 
 
+class Outside(NamedTuple):
+    """What acts on the arm from outside over a run: the air behind valves, or none, and wrenches."""
+
+    air: Air
+    wrench: Array
+
+
 @inner
 def solve_stage(
-    t: Tables,
-    air: Air,
-    work: StepWork,
-    q_base: Array,
-    v_base: Array,
-    c_q: float,
-    c_v: float,
-    z0: Array,
-    v0: Array,
-    span: float,
-    wrench: Array,
-    tolerance: float,
-    sweeps: int,
-    x: Array,
-    q: Array,
-    v: Array,
-    z: Array,
+    outside: Outside, run: Stepping, equation: StageEquation, last: ArmState, at: ArmState
 ) -> int:
-    """x <- solution, from its first guess; q, v, z <- state of the stage. Gives a code.
+    """work.acceleration <- solution x, from its first guess; `at` <- state of the stage. Gives a code.
 
-    Internal states start at z0 and follow a velocity that changes linearly from v0 to v over `span` seconds.
-    The pressures are `work.command`, or follow it through valves. The iteration takes at least `sweeps`
-    steps, and ends when the error of q relative to its scale is below `tolerance`.
+    Internal states start at those of the `last` stage and follow a velocity that changes linearly from that
+    of the last over the span. The pressures are `work.command`, or follow it through valves.
     """
-    r, pressure = work.residual, work.stage_pressure
+    t, work = run.tables, run.work
+    x, q_base, v_base, r = work.acceleration, work.q_base, work.v_base, work.residual
+    q, v, z = at
+    v0, z0 = last.v, last.z
+    c_q, c_v, span = equation.c_q, equation.c_v, equation.span
     n_q = x.shape[0]
     done, factored = False, False
     diagonal = NO
@@ -64,21 +60,18 @@ def solve_stage(
         code = check(t, q, v)
         if code != GOOD:
             return code
-        advance_internal(t, z0, v0, v, span, z, work.tangent)
-        if not breathe(air, t, q, z0, work.command, span, z, pressure, work.pressure_slope):
+        advance_internal(t, z0, (v0, v), span, z, work.tangent)
+        if not breathe(outside.air, run, q, z0, span, z):
             return CLOSED
         if done:
             return GOOD if finite(z) else NOT_FINITE
         if factored:
-            force_residual(t, work.model, q, v, x, z, pressure, wrench, NO, r)
+            force_residual(run, work.model, at, outside.wrench, NO)
         else:
-            force_residual(t, work.system, q, v, x, z, pressure, wrench, YES, r)
-            slope = work.pressure_slope
+            force_residual(run, work.system, at, outside.wrench, YES)
             # Friction: the robust secant at first and when the iteration diverges, else the derivative.
             secant = 0.0 if rate < 1.0 else 1.0
-            if not factor(
-                t, air, work.system, q, v, pressure, slope, c_v, c_q, work.tangent, diagonal, secant
-            ):
+            if not factor(outside.air, run, equation, at, diagonal, secant):
                 if diagonal > 0.0:
                     return SINGULAR
                 # The stiffness is indefinite: its diagonal converges with more iterations.
@@ -95,7 +88,9 @@ def solve_stage(
         rate = change / before
         # With linear convergence the remaining error is about change * rate / (1 - rate).
         left = change * rate / (1.0 - rate) if 0.0 < rate < 1.0 else change
-        done = sweep + 1 >= sweeps and (left < tolerance or (change < ROUND_OFF and rate > 0.5))
+        done = sweep + 1 >= equation.sweeps and (
+            left < equation.tolerance or (change < ROUND_OFF and rate > 0.5)
+        )
         if rate > SLOW and before < math.inf:
             factored = False
         before = change

@@ -122,7 +122,7 @@ def simulate(
     table = _pressure_table(pressure, times, arm.n_u, name)
     start = None if pressure0 is None else _initial(pressure0, arm.n_u, "pressure0", name)
     z[0, arm.n_internal :] = initial_air(air, arm, q[0], start)
-    last, code = run(stepping(arm, air), times, table, w, q, v, z)
+    last, code = run(stepping(arm, air), (times, table, w), (q, v, z))
     end = last + 1
     carried = carried_share(arm, table[last, 0], wrench) if code in BY_LOAD else 1.0
     status = describe_at(code, arm, q[last], f" at t = {times[last]:.6g} s", carried)

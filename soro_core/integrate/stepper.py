@@ -18,6 +18,7 @@ from soro_core.integrate.causes import describe_at
 from soro_core.integrate.explicit import explicit_run
 from soro_core.integrate.implicit import implicit_run
 from soro_core.integrate.state import OK, State, Status
+from soro_core.integrate.step_work import make_stepping
 from soro_core.integrate.steppers.dopri5 import DOPRI5
 from soro_core.integrate.steppers.midpoint import MIDPOINT
 from soro_core.integrate.steppers.midpoint_linear import MIDPOINT_LINEAR
@@ -27,7 +28,6 @@ from soro_core.integrate.steppers.tableau import Tableau
 from soro_core.integrate.steppers.tr_bdf2 import TR_BDF2
 from soro_core.integrate.steppers.tr_bdf2_linear import TR_BDF2_LINEAR
 from soro_core.integrate.steppers.trapezoidal import TRAPEZOIDAL
-from soro_core.integrate.system import make_stepping
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, number, require, shaped
 from soro_core.model.dynamics import GOOD
@@ -56,7 +56,7 @@ DISSIPATIVE = tuple(name for name, scheme in _SCHEMES.items() if isinstance(sche
 
 
 def run_of(name: str, rtol: float | None = None, air: Air = NO_AIR, guarded: bool = True) -> Run:
-    """Return the kernel of a stepper: run(box, times, pressure, wrench, q, v, z) -> (last row, code).
+    """Return the kernel of a stepper: run(box, (times, pressure, wrench), (q, v, z)) -> (last row, code).
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ class Stepper:
         z[0] = shaped(state.internal, (self._n_internal,), "internal", arm.robot.name)
         table = np.empty((2, 3, arm.n_u))
         table[:] = p
-        _, code = self._run_with(condition)(self._box, np.array([0.0, number(dt)]), table, w, q, v, z)
+        _, code = self._run_with(condition)(self._box, (np.array([0.0, number(dt)]), table, w), (q, v, z))
         if code != GOOD:
             return state, describe_at(code, arm, q[0])
         return State(q[1], v[1], z[1]), OK
@@ -259,7 +259,7 @@ class Stepper:
         end, status = self.step(state, pressures, dt, wrench)
         if not status.ok:
             raise ModelError(f"derivatives of a step that {status}")
-        return self._room.derive(_SCHEMES[self.name], self._box, state, end, pressures, dt, wrench)
+        return self._room.derive(_SCHEMES[self.name], self._box, (state, end), pressures, dt, wrench)
 
     def _run_with(self, condition: ValveCondition | None) -> Run:
         if condition is None:

@@ -48,7 +48,7 @@ class ArmBase:
         masses[:] = t.mass
         forces = np.empty_like(v)
         entries.inertial_forces(
-            self._box, masses, np.full(len(v), t.tip_mass[0]), gravity, q, qd, v, a, forces
+            self._box, (masses, np.full(len(v), t.tip_mass[0]), gravity), (q, qd, v, a), forces
         )
         return forces
 

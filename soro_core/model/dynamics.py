@@ -13,6 +13,7 @@ from soro_core.model.forces.elasticity import elastic_force
 from soro_core.model.forces.internal import add_internal_force
 from soro_core.model.links.local import local_strain, n_samples
 from soro_core.model.method import acceleration, motion_force
+from soro_core.model.records import ArmState, Motion
 from soro_core.model.tables import Tables
 from soro_core.model.work import Work
 
@@ -36,11 +37,10 @@ def check(t: Tables, q: Array, qd: Array) -> int:
 
 
 @inner
-def motion_forces(
-    t: Tables, w: Work, tip_mass: float, q: Array, qd: Array, a: Array, own: Array, gradients: Array
-) -> None:
+def motion_forces(t: Tables, w: Work, tip_mass: float, motion: Motion, own: Array, gradients: Array) -> None:
     """own <- M a + C qd + G + dU_e/dq with this mass at the tip, gradients <- H' (n_u, n_q)."""
-    motion_force(t, w, np.zeros(6), tip_mass, q, qd, a, own)
+    motion_force(t, w, np.zeros(6), tip_mass, motion, own)
+    q = motion.q
     elastic = np.empty(q.shape[0])
     elastic_force(t, q, elastic)
     for c in range(q.shape[0]):
@@ -79,15 +79,12 @@ def applied_force(t: Tables, q: Array, qd: Array, z: Array, pressure: Array, for
 
 
 @inner
-def forward_dynamics(
-    t: Tables, w: Work, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array
-) -> int:
+def forward_dynamics(t: Tables, w: Work, at: ArmState, pressure: Array, wrench: Array, qdd: Array) -> int:
     """qdd <- M^-1 (H p + J_tip' wrench - C qd - G - dU_e/dq - R qd - internal); gives a code."""
-    code = check(t, q, qd)
+    code = check(t, at.q, at.v)
     if code != GOOD:
         return code
-    force = w.applied
-    applied_force(t, q, qd, z, pressure, force)
-    if not acceleration(t, w, wrench, q, qd, force, qdd):
+    applied_force(t, at.q, at.v, at.z, pressure, w.applied)
+    if not acceleration(t, w, wrench, at.q, at.v, qdd):
         return SINGULAR
     return GOOD if finite(qdd) else NOT_FINITE

@@ -21,6 +21,7 @@ from soro_core.model.method import (
     make_work,
     tip_mass_force,
 )
+from soro_core.model.records import ArmState, CrossSection, Masses, Motion
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Arm
 
@@ -54,35 +55,37 @@ def inertia_matrix(box: Box, q: Array, M: Array) -> None:
 @entry
 def inertial_forces(
     box: Box,
-    masses: Array,
-    tip_masses: Array,
-    gravity: Array,
-    q: Array,
-    qd: Array,
-    v: Array,
-    a: Array,
+    masses: tuple[Array, Array, Array],
+    motion: tuple[Array, Array, Array, Array],
     forces: Array,
 ) -> None:
     """forces[k] <- M a[k] + C(q, qd) v[k] + G with the masses of row k; all of shape (n_k, ...).
+
+    `masses` of links (n_k, n) and tip (n_k,), and gravity (3,); `motion`: q, qd (n_q,), v and a.
 
     One entry for everything linear: C by unit velocities without gravity, regressors by unit masses.
     """
     arm = view(box)
     none = np.zeros(6)
+    of_links, of_tip, gravity = masses
+    q, qd, v, a = motion
     for k in range(forces.shape[0]):
-        inertial_force(
-            arm.tables, arm.work, masses[k], tip_masses[k], gravity, none, q, qd, v[k], a[k], forces[k]
-        )
+        row = Masses(of_links[k], of_tip[k], gravity)
+        inertial_force(arm.tables, arm.work, row, none, Motion(q, qd, v[k], a[k]), forces[k])
 
 
 @entry
 def motion_forces(
-    box: Box, q: Array, qd: Array, a: Array, own: Array, by_mass: Array, gradients: Array
+    box: Box, motion: tuple[Array, Array, Array], own: Array, by_mass: Array, gradients: Array
 ) -> None:
-    """own <- M a + C qd + G + dU_e/dq + R qd, by_mass <- force per kg at the tip, gradients <- H'."""
+    """own <- M a + C qd + G + dU_e/dq + R qd, by_mass <- force per kg at the tip, gradients <- H'.
+
+    `motion`: q, qd and a, (n_q,).
+    """
     arm = view(box)
     t = arm.tables
-    dynamics.motion_forces(t, arm.work, t.tip_mass[0], q, qd, a, own, gradients)
+    q, qd, a = motion
+    dynamics.motion_forces(t, arm.work, t.tip_mass[0], Motion(q, qd, qd, a), own, gradients)
     dynamics.add_damping_force(t, qd, own)
     tip_mass_force(t, arm.work, q, qd, a, by_mass)
 
@@ -112,7 +115,7 @@ def external_forces(box: Box, q: Array, qd: Array, wrench: Array, tau: Array, fo
 def pose_and_jacobian(box: Box, site: Site, q: Array, R: Array, p: Array, J: Array) -> None:
     """Pose (R, p) in the world and body Jacobian, transposed (n_q, 6)."""
     arm = view(box)
-    kinematics(arm.tables, arm.work, site, q, R, p, J)
+    kinematics(arm.tables, arm.work, site, q, CrossSection(R, p, J))
 
 
 @entry
@@ -121,7 +124,7 @@ def sections(box: Box, site: Site, q: Array, poses: Array) -> None:
     arm = view(box)
     R, p, J = np.empty((3, 3)), np.empty(3), np.empty((q.shape[1], 6))
     for k in range(q.shape[0]):
-        kinematics(arm.tables, arm.work, site, q[k], R, p, J)
+        kinematics(arm.tables, arm.work, site, q[k], CrossSection(R, p, J))
         poses[k, :3, :3], poses[k, :3, 3], poses[k, 3, :3], poses[k, 3, 3] = R, p, 0.0, 1.0
 
 
@@ -133,21 +136,25 @@ def mechanical_energy(box: Box, q: Array, qd: Array) -> tuple[float, float]:
 
 
 @entry
-def accelerations(box: Box, q: Array, qd: Array, z: Array, pressure: Array, wrench: Array, qdd: Array) -> int:
-    """`dynamics.forward_dynamics` of one state or of several, behind each other in each array.
+def accelerations(
+    box: Box, states: tuple[Array, Array, Array], pressure: Array, wrench: Array, qdd: Array
+) -> int:
+    """`dynamics.forward_dynamics` of one state (q, qd, z) or of several, behind each other in each array.
 
     Ends at the first state that is not GOOD, with its code.
     """
     arm = view(box)
     t, w = arm.tables, arm.work
+    q, qd, z = states
     n_q, n_z, n_u = t.basis.shape[0], t.internal_kind.shape[0], t.axial_gain.shape[1]
     if q.shape[0] == n_q:
         # Parts of arrays cost one state 3 %.
-        return dynamics.forward_dynamics(t, w, q, qd, z, pressure, wrench, qdd)
+        return dynamics.forward_dynamics(t, w, ArmState(q, qd, z), pressure, wrench, qdd)
     for k in range(q.shape[0] // n_q):
         b, behind = k * n_q, (k + 1) * n_q
-        zk, pk = z[k * n_z : (k + 1) * n_z], pressure[k * n_u : (k + 1) * n_u]
-        code = dynamics.forward_dynamics(t, w, q[b:behind], qd[b:behind], zk, pk, wrench, qdd[b:behind])
+        pk = pressure[k * n_u : (k + 1) * n_u]
+        one = ArmState(q[b:behind], qd[b:behind], z[k * n_z : (k + 1) * n_z])
+        code = dynamics.forward_dynamics(t, w, one, pk, wrench, qdd[b:behind])
         if code != dynamics.GOOD:
             return code
     return dynamics.GOOD

@@ -8,8 +8,9 @@ from soro_core.model.forces.external import add_external_forces, add_external_ta
 from soro_core.model.links.articulated import complete_rigid, factor, inertia_to_parent, solve
 from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
-from soro_core.model.links.link_kinematics import along_constant, along_varying, begin_varying, step_varying
+from soro_core.model.links.link_kinematics import along_constant, begin_varying, step_varying, whole_step
 from soro_core.model.links.sweep import DRIVEN, FREE, NO, REFERENCE, YES, move, sweep
+from soro_core.model.records import Asked, CrossSection, Masses, Motion, SubInterval, TangentFactors
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import (
     BASE_ACCELERATION,
@@ -20,6 +21,18 @@ from soro_core.model.work import (
     NODE,
     Work,
 )
+
+
+@inner
+def own_masses(t: Tables) -> Masses:
+    """Return those of the arm itself."""
+    return Masses(t.mass, t.tip_mass[0], t.gravity)
+
+
+@inner
+def at_rest(w: Work, q: Array) -> Motion:
+    """Return no motion, at q."""
+    return Motion(q, w.zero, w.zero, w.zero)
 
 
 @inner
@@ -38,30 +51,16 @@ def close_forces(t: Tables, w: Work, wrench: Array, tau: Array) -> None:
 
 
 @inner
-def inertial_force(
-    t: Tables,
-    w: Work,
-    mass: Array,
-    tip_mass: float,
-    gravity: Array,
-    none: Array,
-    q: Array,
-    qd: Array,
-    v: Array,
-    a: Array,
-    tau: Array,
-) -> None:
+def inertial_force(t: Tables, w: Work, masses: Masses, none: Array, motion: Motion, tau: Array) -> None:
     """tau <- M(q) a + C(q, qd) v + G(q), by the recursion of Newton and Euler; `none` (6,) is zero."""
-    sweep(t, w, mass, tip_mass, gravity, q, qd, v, a, NO, REFERENCE, tau)
+    sweep(t, w, masses, motion, Asked(NO, REFERENCE), tau)
     close_forces(t, w, none, tau)
 
 
 @inner
-def motion_force(
-    t: Tables, w: Work, none: Array, tip_mass: float, q: Array, qd: Array, a: Array, tau: Array
-) -> None:
+def motion_force(t: Tables, w: Work, none: Array, tip_mass: float, motion: Motion, tau: Array) -> None:
     """tau <- M a + C qd + G with this mass at the tip; `none` (6,) is zero."""
-    sweep(t, w, t.mass, tip_mass, t.gravity, q, qd, qd, a, NO, DRIVEN, tau)
+    sweep(t, w, Masses(t.mass, tip_mass, t.gravity), motion, Asked(NO, DRIVEN), tau)
     close_forces(t, w, none, tau)
 
 
@@ -104,8 +103,8 @@ def link_ends(t: Tables, w: Work, places: Array, by_q: Array) -> None:
 @inner
 def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
     """tau <- the generalised force of all that acts from outside; gives the energy stored in it [J]."""
-    sweep(t, w, t.mass, t.tip_mass[0], t.gravity, q, w.zero, w.zero, w.zero, NO, NO, tau)
-    energy = add_external_forces(t.external, t, w, wrench, q, qd, tau)
+    sweep(t, w, own_masses(t), at_rest(w, q), Asked(NO, NO), tau)
+    energy = add_external_forces(t.external, t, w, wrench, Motion(q, qd, qd, w.zero), tau)
     close_forces(t, w, wrench, tau)
     for b in range(q.shape[0]):
         tau[b] = -tau[b]
@@ -113,12 +112,10 @@ def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: 
 
 
 @inner
-def inverse_dynamics(
-    t: Tables, w: Work, wrench: Array, q: Array, qd: Array, a: Array, bodies: float, tau: Array
-) -> None:
+def inverse_dynamics(t: Tables, w: Work, wrench: Array, motion: Motion, bodies: float, tau: Array) -> None:
     """tau <- M a + C qd + G - what acts from outside; `bodies` = YES leaves what `factor_system` needs."""
-    sweep(t, w, t.mass, t.tip_mass[0], t.gravity, q, qd, qd, a, bodies, DRIVEN, tau)
-    add_external_forces(t.external, t, w, wrench, q, qd, tau)
+    sweep(t, w, own_masses(t), motion, Asked(bodies, DRIVEN), tau)
+    add_external_forces(t.external, t, w, wrench, motion, tau)
     close_forces(t, w, wrench, tau)
 
 
@@ -126,7 +123,7 @@ def inverse_dynamics(
 def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
     """M <- int J' Mcal J, docs/model.md (13), all of it (n_q, n_q): from the tip inward."""
     n_q = q.shape[0]
-    sweep(t, w, mass, tip_mass, t.gravity, q, w.zero, w.zero, w.zero, YES, NO, w.bias)
+    sweep(t, w, Masses(mass, tip_mass, t.gravity), at_rest(w, q), Asked(YES, NO), w.bias)
     beyond, T = w.beyond, w.rotated
     h = w.vectors[BODY_MOMENTUM]
     n = t.length.shape[0]
@@ -162,11 +159,11 @@ def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array
 
 
 @inner
-def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
-    """qdd <- M^-1 (force + what acts from outside - C qd - G); False if M is not positive definite."""
-    bias = w.bias
-    sweep(t, w, t.mass, t.tip_mass[0], t.gravity, q, qd, qd, w.zero, YES, FREE, bias)
-    add_external_forces(t.external, t, w, wrench, q, qd, bias)
+def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, qdd: Array) -> bool:
+    """qdd <- M^-1 (w.applied + what acts from outside - C qd - G); False if M is not positive definite."""
+    bias, force, motion = w.bias, w.applied, Motion(q, qd, qd, w.zero)
+    sweep(t, w, own_masses(t), motion, Asked(YES, FREE), bias)
+    add_external_forces(t.external, t, w, wrench, motion, bias)
     close_forces(t, w, wrench, bias)
     for b in range(q.shape[0]):
         qdd[b] = force[b] - bias[b]
@@ -177,14 +174,14 @@ def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: 
 
 
 @inner
-def factor_system(t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float) -> bool:
+def factor_system(t: Tables, w: Work, q: Array, qd: Array, factors: TangentFactors) -> bool:
     """Factor M(q) + w.block - by_q dF/dq - by_v dF/dqd for `solve`, after `inverse_dynamics` with bodies.
 
     F is what acts from outside, its tangents made symmetric (`contact.add_tangent`, also for `secant`).
 
     False if it is not positive definite; `w` is then good for a new pass only.
     """
-    add_external_tangents(t.external, t, w, q, qd, by_q, by_v, secant)
+    add_external_tangents(t.external, t, w, q, qd, factors)
     return factor(t, w, YES)
 
 
@@ -194,7 +191,7 @@ def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
 
     The latter is zero at the world's origin.
     """
-    sweep(t, w, t.mass, t.tip_mass[0], t.gravity, q, w.zero, w.zero, w.zero, YES, NO, w.bias)
+    sweep(t, w, own_masses(t), at_rest(w, q), Asked(YES, NO), w.bias)
     R, p, V = w.frame_rotation[BODY], w.frame_position[BODY], w.vectors[BASE_TWIST]
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
@@ -222,10 +219,12 @@ def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
 
 
 @inner
-def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: Array) -> None:
-    """Pose (R, p) in the world and body Jacobian, transposed (n_q, 6), at a place of the arm."""
+def kinematics(t: Tables, w: Work, site: Site, q: Array, at: CrossSection) -> None:
+    """at <- pose in the world and body Jacobian, transposed (n_q, 6), at a place of the arm."""
+    R, p, J = at
     B1 = w.node
     R1, p1 = w.frame_rotation[NODE], w.frame_position[NODE]
+    on_link = CrossSection(R1, p1, B1)
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
     clear_matrix(J)
@@ -234,12 +233,13 @@ def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: 
         first = t.offset[i]
         m = t.offset[i + 1] - first
         if t.varying[i]:
-            begin_varying(R1, p1, B1)
-            along_varying(t, w, i, 0, site.whole if last else t.fraction.shape[0], q, R1, p1, B1)
+            begin_varying(on_link)
+            for k in range(site.whole if last else t.fraction.shape[0]):
+                step_varying(t, w, i, whole_step(t, i, k), q, on_link)
             if last and site.step > 0.0:
-                step_varying(t, w, i, site.step, site.shape, q, R1, p1, B1)
+                step_varying(t, w, i, SubInterval(site.step, site.shape), q, on_link)
         else:
-            along_constant(t, w, i, site.place if last else t.length[i], q, R1, p1, B1)
+            along_constant(t, w, i, site.place if last else t.length[i], q, on_link)
         for j in range(m):
             assign(B1[j], J[first + j])
         for b in range(first + m):

@@ -83,7 +83,7 @@ class ForwardDynamics(ArmBase):
         w = self._no_wrench if wrench is None else flat_wrench(self.robot, wrench)
         z = self._no_internal if internal is None else self._shaped(internal, (self.n_internal,), "internal")
         qdd = np.empty(self.n_q)
-        code = entries.accelerations(self._box, q, qd, z, p, w, qdd)
+        code = entries.accelerations(self._box, (q, qd, z), p, w, qdd)
         if code != dynamics.GOOD:
             for values, name in ((p, "p"), (w, "wrench"), (z, "internal")):
                 finite(values, name)
@@ -100,8 +100,8 @@ class ForwardDynamics(ArmBase):
         p, z = self._for_each(p, m, self.n_u, "p"), self._for_each(z, m, self.n_internal, "internal")
         w = self._no_wrench if wrench is None else flat_wrench(self.robot, wrench)
         qdd = np.empty((m, self.n_q))
-        states = q.ravel(), qd.ravel(), z.ravel(), p.ravel()
-        code = entries.accelerations(self._box, *states, w, qdd.reshape(-1))
+        states = q.ravel(), qd.ravel(), z.ravel()
+        code = entries.accelerations(self._box, states, p.ravel(), w, qdd.reshape(-1))
         if code != dynamics.GOOD:
             for k in range(m):
                 try:
@@ -154,7 +154,7 @@ class ForwardDynamics(ArmBase):
         q, qd, p = self._shaped(q, (n,), "q"), self._shaped(qd, (n,), "qd"), self._shaped(p, (n_u,), "p")
         w = self._no_wrench if wrench is None else flat_wrench(self.robot, wrench)
         by_q, by_qd, by_p = np.empty((n, n)), np.empty((n, n)), np.empty((n, n_u))
-        code = acceleration_derivatives(self._box, room, p, w, q, qd, qdd, by_q, by_qd, by_p)
+        code = acceleration_derivatives(self._box, room, (q, qd, qdd), p, w, (by_q, by_qd, by_p))
         if code != dynamics.GOOD:
             raise fault(code, q, qd)
         return Derivatives(by_q, by_qd, by_p)

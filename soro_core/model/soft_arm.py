@@ -283,7 +283,10 @@ class SoftArm(ForwardDynamics):
         rows = np.empty((2 + n if self.robot.point_masses else 1 + n, self.n_q))
         velocities, accelerations = np.tile(v, (len(rows), 1)), np.tile(a, (len(rows), 1))
         entries.inertial_forces(
-            self._box, masses, tip_masses, self.tables.gravity, q, qd, velocities, accelerations, rows
+            self._box,
+            (masses, tip_masses, self.tables.gravity),
+            (q, qd, velocities, accelerations),
+            rows,
         )
         return np.ascontiguousarray((rows[: 1 + n] - rows[1 + n :].sum(axis=0)).T)
 
@@ -312,7 +315,7 @@ class SoftArm(ForwardDynamics):
         q, qd = self._state(q, qd)
         a = self._vector(a, self.n_q, "a")
         own, by_mass, gradients = np.empty(self.n_q), np.empty(self.n_q), np.empty((self.n_u, self.n_q))
-        entries.motion_forces(self._box, q, qd, a, own, by_mass, gradients)
+        entries.motion_forces(self._box, (q, qd, a), own, by_mass, gradients)
         return MotionForces(own, by_mass, np.ascontiguousarray(gradients.T))
 
     def elastic_regressor(self, q: ArrayLike) -> Array:

@@ -116,20 +116,16 @@ class Part:
         inner = np.zeros_like(u)
         mesh = self.mesh
         energy, inverted = assemble(
-            self.material.law,
-            self.is_averaged,
+            (self.material.law, self.is_averaged),
             mesh.cells,
-            self.slope,
-            self.hoop,
-            self.volume,
-            self.pattern.cells,
+            (self.slope, self.hoop, self.volume),
             u,
             inner,
-            data,
+            (self.pattern.cells, data),
         )
         for fibre, entries in zip(self.loads.fibres, self._pieces, strict=True):
-            stretched = (mesh.points, mesh.points + u, entries, inner, data)
-            energy += add_fibres(fibre.pieces, fibre.stiffness_n, load * fibre.tension_n, *stretched)
+            of = fibre.pieces, fibre.stiffness_n, load * fibre.tension_n
+            energy += add_fibres(of, (mesh.points, mesh.points + u), inner, (entries, data))
         by_springs = self.loads.springs * u
         size = max(float(np.linalg.norm(inner)), float(np.linalg.norm(by_springs)))
         unbalanced, coupling = inner + by_springs, None
@@ -149,7 +145,7 @@ class Part:
         x = self.mesh.points + u
         for one, entries in zip(self.loads.pressures, self._faces, strict=True):
             pressure = load * one.pressure_pa
-            add_pressure(pressure, is_revolved, one.faces, *tables, entries, x, unbalanced, data)
+            add_pressure(pressure, is_revolved, (one.faces, *tables), x, unbalanced, (entries, data))
 
     def push(self, u: Array) -> Array:
         """Return the forces (n, d) of the loads at load factor 1 [N]; they are proportional to it."""
@@ -158,7 +154,7 @@ class Part:
         places = (self.mesh.points, self.mesh.points + u)
         for fibre, entries in zip(self.loads.fibres, self._pieces, strict=True):
             slack = np.zeros_like(fibre.stiffness_n)  # their stiffness is none of the loads
-            add_fibres(fibre.pieces, slack, fibre.tension_n, *places, entries, against, _NO_DATA)
+            add_fibres((fibre.pieces, slack, fibre.tension_n), places, against, (entries, _NO_DATA))
         return -against
 
     def matrix(self, balance: Balance) -> Any:

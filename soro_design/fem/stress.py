@@ -52,28 +52,27 @@ def strained(part: Part, u: Array) -> Strained:
     n, cells, law = len(part.mesh.cells), part.mesh.cells, part.material.law
     forces, gradients, volume = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros(n)
     tables = part.slope, part.hoop, part.volume
-    _add_up(law, part.is_averaged, cells, *tables, np.ascontiguousarray(u), forces, gradients, volume)
+    sums = forces, gradients, volume
+    _add_up((law, part.is_averaged), cells, tables, np.ascontiguousarray(u), sums)
     undeformed = part.volume.sum(axis=1)
     return Strained(forces / volume[:, None, None], gradients / undeformed[:, None, None], volume)
 
 
 @kernel
 def _add_up(
-    law: Array,
-    is_averaged: bool,
+    of: tuple[Array, bool],
     cells: Integers,
-    slope: Array,
-    hoop: Array,
-    volume: Array,
+    shapes: tuple[Array, Array, Array],
     u: Array,
-    forces: Array,
-    gradients: Array,
-    deformed: Array,
+    sums: tuple[Array, Array, Array],
 ) -> None:
     """Add int J sigma dV = int P F^T dV, int F dV and int J dV of each element to zeros.
 
     The other parameters are those of `soro_design.fem.elements.solid.assemble`.
     """
+    law, is_averaged = of
+    slope, hoop, volume = shapes
+    forces, gradients, deformed = sums
     n, d = slope.shape[2:]
     of_cell, work = np.empty((n, d)), make_work(n * d)
     F, H, P = work.F, work.H, work.P
@@ -92,7 +91,7 @@ def _add_up(
         for g in range(volume.shape[1]):
             fill_gradient(of_cell, slope[e, g], hoop[e, g], F)
             cofactor(F, H)
-            respond(law, bulk, F, H, work.products, P, work.A)
+            respond(law, bulk, (F, H), work.products, P, work.A)
             for i in range(3):
                 for j in range(3):
                     gradients[e, i, j] += volume[e, g] * F[i, j]

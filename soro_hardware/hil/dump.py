@@ -1,4 +1,4 @@
-"""Proof of a dump valve: a chamber must become empty although its regulator is told to hold a pressure."""
+"""Prove a dump valve: a chamber must become empty although its regulator is commanded to hold a pressure."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def prove(
 ) -> Finding:
     """Pressurise one chamber, wait until the dump valve is opened, and judge how the pressure falls.
 
-    The regulator is told to hold the pressure all the time, so that only the dump valve can empty the
+    The regulator is commanded to hold the pressure all the time, so that only the dump valve can empty the
     chamber. Where something vents by the valves meanwhile (a trip, the input of an emergency stop), there is
     no proof.
 
@@ -159,7 +159,7 @@ def _proved(
     for _, reading_pa in hold(asked_pa, _STAYS_S):
         if reading_pa > EMPTY_PA:
             return "fail", f"empty after {took_s:.2f} s, then {_kpa(reading_pa)} again", "it must stay open"
-    return "ok", f"empty in {took_s:.2f} s although the regulator was told to hold {_kpa(asked_pa)}", ""
+    return "ok", f"empty in {took_s:.2f} s although the regulator was commanded to hold {_kpa(asked_pa)}", ""
 
 
 def _kpa(pressure_pa: float) -> str:

@@ -160,8 +160,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
 
 def _with_probe(config: ControllerNodeConfig) -> ControllerNodeConfig:
-    """Return the keys with the probe of real time where none is stated."""
-    if config.mode == "lockstep" or config.control.probe_at_enable is not None:
+    """Return the keys with what `auto` says of the probe in real time."""
+    if config.mode == "lockstep" or config.control.probe_at_enable != "auto":
         return config
     return with_changes(config, control=with_changes(config.control, probe_at_enable="refuse"))
 

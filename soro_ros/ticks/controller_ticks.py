@@ -124,7 +124,9 @@ class ControllerTicks:
         arm, none = self.controller.arm, np.zeros(self.controller.arm.n_u)
         dt = max(1.0 / self._config.rate_hz, _FULL_TICK_S)
         q = np.full(arm.n_q, 1e-3)
-        begin = replace(self.state, probe=None)  # the law is to be compiled
+        if self.controller.probe is not None:
+            self.controller.probe.warm_up()
+        begin = replace(self.state, probe=None)
         state, _ = self.controller.step(begin, q, q, 0.0, dt, none)
         for k, message in enumerate(references.trajectories_at_rest(self._coordinates), start=1):
             reference = references.trajectory(self.controller, state, message, 0.0)

@@ -17,7 +17,7 @@ def section(folder, name):
 
 def test_rates_of_serial_lines(tmp_path):
     (rows,) = section(tmp_path, "serial_rates")
-    assert len(rows) == 4
+    assert len(rows) == 2
     for row in rows:
         for column in ("exchanges, Hz", "set points, Hz", "readings, Hz"):
             assert float(row[column]) > 0.0, row

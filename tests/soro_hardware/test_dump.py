@@ -84,7 +84,7 @@ def test_a_dump_valve_that_works(kind):
     it = Examined(OPEN, kind=kind)
     assert it.finding.level == "ok", it.finding
     assert it.finding.name == f"dump valve at {NAMES[1]}"
-    assert "although the regulator was told to hold 8.0 kPa" in it.finding.found
+    assert "although the regulator was commanded to hold 8.0 kPa" in it.finding.found
     assert len(it.told) == 1
     highest = np.max(it.true_pa, axis=0)
     assert 7e3 < highest[1] < 9e3

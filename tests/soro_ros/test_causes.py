@@ -1,12 +1,16 @@
 """The probable cause of a bad run: each row of the table, and what recordings show of it."""
 
+import io
+import json
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
 from soro_lab.scene import load_scene
+from soro_ros.commands import run
 from soro_ros.recordings import report
 from soro_ros.recordings.causes import CAUSES, Bound, Evidence, end_of_commands, probable_cause
 from soro_ros.recordings.events import Event, NodeStatus
@@ -200,6 +204,28 @@ def test_what_the_nodes_say_last_stands_beside_the_verdict():
     assert "probable cause: estimator: pose: NIS 5.0" in bad.reason
     rows = dict(report.rows(report.summarise(recorded(STEADY), SCENE), SCENE))
     assert "verdict" not in rows
+
+
+@pytest.mark.parametrize(
+    ("away", "status", "printed"),
+    [
+        (0.0 * STEADY, 0, "good, but estimator: pose: NIS 5.0"),
+        (STEADY, 1, "soro: poor: tip error 3.0 mm RMS"),
+    ],
+    ids=["good", "poor"],
+)
+def test_a_run_prints_its_verdict_and_writes_it(monkeypatch, tmp_path, capsys, away, status, printed):
+    recording = recorded(away, said=(("estimator", 1, "pose: NIS 5.0"),))
+    monkeypatch.setattr(report, "read_run", lambda bag, scene: recording)
+    (tmp_path / "bag").mkdir()
+    screen = io.StringIO()
+    assert run._report(SCENE, tmp_path, End(), False, Console(file=screen)) == status
+    assert printed in screen.getvalue()
+    written = json.loads((tmp_path / "summary.json").read_text())
+    assert written["verdict"] == ("poor" if status else "good")
+    assert bool(written["reason"]) == bool(status)
+    assert written["notes"] == ["estimator: pose: NIS 5.0"]
+    assert "│ notes" in capsys.readouterr().out
 
 
 # Vents ---------------------------------------------------------------------------------------------

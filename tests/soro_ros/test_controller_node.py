@@ -22,7 +22,7 @@ def arm_state(node, names, age_s):
 
 
 def test_a_refused_reference_is_forgotten_when_a_good_one_follows(domain):
-    rclpy.init(args=["--ros-args", "-p", "enabled:=true"])
+    rclpy.init(args=["--ros-args", "-p", "enabled:=true", "-p", "control.probe_at_enable:='off'"])
     try:
         node = ControllerNode()
         node.trigger_configure()

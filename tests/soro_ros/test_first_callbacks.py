@@ -38,7 +38,7 @@ from soro_ros.conversion import learning, messages
 from soro_ros.nodes.controller import ControllerNode
 
 # The counting takes longer than the shipped age of samples.
-settings = ("control.enable.sample_age_s:=10.0", "control.law:=composite")
+settings = ("control.enable.sample_age_s:=10.0", "control.law:=composite", "control.probe_at_enable:='off'")
 rclpy.init(args=["--ros-args", *(part for one in settings for part in ("-p", one))])
 node = ControllerNode()
 node.trigger_configure()

@@ -144,6 +144,7 @@ def test_a_pose_in_another_frame_does_not_let_a_controller_start(domain):
 
 def test_references_are_in_the_configured_frames_and_so_is_what_the_controller_wants(domain):
     settings = ("frames.world:=map", "frames.base:=left/base", "control.check_at_enable:='off'")
+    settings += ("control.probe_at_enable:='off'",)
     with active(ControllerNode, *settings) as node:
         wanted = captured(node, "arm/desired/tip")
         request(node, "~/enable")

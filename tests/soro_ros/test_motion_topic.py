@@ -154,7 +154,8 @@ def test_a_path_that_replaces_another_begins_under_way(alone):
 
 def test_a_plan_goes_on_however_late_the_ticks_are(alone, monkeypatch):
     monkeypatch.setattr("soro_ros.topics.motion_topic._SHARE", -1e3)
-    with controller("control.check_at_enable:='off'", mode="real_time") as it:
+    unchecked = ("control.check_at_enable:='off'", "control.probe_at_enable:='off'")
+    with controller(*unchecked, mode="real_time") as it:
         it.send([0.0, 0.0, 0.066])
         assert it.states == ["planning"]
         it.until("moving")

@@ -8,6 +8,7 @@ With the residual r and the regressor Phi of a sample of noise S, both of a low-
 from __future__ import annotations
 
 import math
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -19,31 +20,48 @@ from soro_core.model.links.linear import lu_factor, lu_solve_rows
 _SINGULAR = 1e14
 
 
+class LearningRule(NamedTuple):
+    """How the learner weighs and forgets what it learns; `size` values of n coordinates."""
+
+    low_pass_per_s: float
+    """Rate of the low-pass."""
+    forget_s: float
+    """Time constant with which the information returns to the prior."""
+    forget_factor: float
+    """Most by which a sample that does not fit speeds this up."""
+    walk: float
+    """Variance a second by which the mass moves where a sample does not fit [kg^2/s]."""
+    prior: Array
+    """A_0, (size, size)."""
+    noise: Array
+    """Noise of a sample whose q is known, (n, n)."""
+    slope: Array
+    """B, slope of the static force by q, in units of force: (n, n)."""
+
+
+RuleFields: TypeAlias = tuple[float, float, float, float, Array, Array, Array]
+"""Fields of a `LearningRule`: numba takes a plain tuple from Python faster."""
+
+
 @entry
 def gain(
-    low_pass_per_s: float,
-    forget_s: float,
-    forget_factor: float,
-    walk: float,
+    fields: RuleFields,
     dt: float,
-    prior: Array,
-    noise: Array,
-    slope: Array,
     covariance: Array,
-    residual: Array,
-    regressor: Array,
+    sides: tuple[Array, Array],
+    information: tuple[Array, Array],
     theta: Array,
-    information: Array,
-    moment: Array,
-    new: Array,
 ) -> bool:
-    """Add a sample to information A (size, size) and moment b (size,); new <- theta after it.
+    """Add a sample to information A (size, size) and moment b (size,); theta <- that after it.
 
-    The noise (n, n) grows by B P B', of slope B and covariance P of q. `walk` is the variance a second by
-    which the mass moves where a sample does not fit. False if the information does not determine theta.
+    `sides`: residual r and regressor Phi. The noise grows by B P B' of the covariance P of q. False if the
+    information does not determine theta.
     """
+    rule = LearningRule(*fields)
+    residual, regressor = sides
+    A, b = information
     n, size = residual.shape[0], theta.shape[0]
-    S, pivots = noise.copy(), np.empty(n, np.int64)
+    S, pivots, slope = rule.noise.copy(), np.empty(n, np.int64), rule.slope
     for r in range(n):
         for c in range(n):
             for i in range(n):
@@ -64,25 +82,25 @@ def gain(
     for r in range(n):
         large += missing[r] * solved[r, size] / n
     # Against the noise and the doubt about q: what no position shows is no reason to forget.
-    large = min(large, forget_factor)
-    forget = (1.0 + large) / forget_s
+    large = min(large, rule.forget_factor)
+    forget = (1.0 + large) / rule.forget_s
     # Samples of a low-pass repeat each other for 2 / its rate. And what fits the model so badly says little
     # about W: an arm that swings after its load has changed.
-    part = 0.5 * low_pass_per_s / max(1.0, large)
+    part = 0.5 * rule.low_pass_per_s / max(1.0, large)
     for k in range(size):
         for c in range(size):
-            information[k, c] -= dt * forget * (information[k, c] - prior[k, c])
-        moment[k] -= dt * forget * moment[k]
+            A[k, c] -= dt * forget * (A[k, c] - rule.prior[k, c])
+        b[k] -= dt * forget * b[k]
         for r in range(n):
             weighed = dt * part * solved[r, k]
             for c in range(size):
-                information[k, c] += weighed * regressor[r, c]
-            moment[k] += weighed * residual[r]
+                A[k, c] += weighed * regressor[r, c]
+            b[k] += weighed * residual[r]
     # A load that comes or falls off changes the mass alone.
-    moved = dt * max(large - 1.0, 0.0) * walk
+    moved = dt * max(large - 1.0, 0.0) * rule.walk
     if moved > 0.0:
-        _walk(information, moment, moved)
-    return _solve(information, moment, new)
+        _walk(A, b, moved)
+    return _solve(A, b, theta)
 
 
 @inner

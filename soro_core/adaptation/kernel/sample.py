@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple, TypeAlias
+
 import numpy as np
 
 from soro_core._box import Box, view
@@ -11,35 +13,44 @@ from soro_core.model.dynamics import GOOD, NOT_FINITE, add_damping_force, check,
 from soro_core.model.forces.chambers import acting
 from soro_core.model.forces.internal import add_internal_force
 from soro_core.model.method import tip_mass_force
+from soro_core.model.records import Motion
+
+
+class UnmodelledForce(NamedTuple):
+    """A `NonuniformForce`."""
+
+    at: Array
+    mass_kg: float
+    force: Array
+    by_mass: Array
+    by_q: Array
+
+
+UnmodelledFields: TypeAlias = tuple[Array, float, Array, Array, Array]
+"""Its fields: numba takes a plain tuple from Python faster."""
+MotionFields: TypeAlias = tuple[Array, Array, Array, Array, Array, Array]
+"""q, qd, qdd (n,), pressures (n_u,), creep (n_internal,) and the covariance of q (n, n)."""
 
 
 @entry
 def show(
     box: Box,
-    q: Array,
-    qd: Array,
-    qdd: Array,
-    pressure: Array,
-    creep: Array,
-    covariance: Array,
-    force_unit: Array,
-    q_unit: Array,
-    mass_kg: float,
-    at: Array,
-    unmodelled: Array,
-    unmodelled_by_mass: Array,
-    unmodelled_by_q: Array,
+    motion: MotionFields,
+    unmodelled: UnmodelledFields,
+    units: tuple[Array, Array],
     part: float,
-    residual: Array,
-    regressor: Array,
+    sides: tuple[Array, Array],
 ) -> int:
     """Move residual r / U (n,) and regressor Phi (n, 1 + n (n + 1)) a part of the way to those of a sample.
 
     r = H p - [M qdd + C qd + G + f_e + R qd + creep] - d(q, 0), with the unmodelled force d about a mass
-    and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q). Gives a code of
-    `soro_core.model.dynamics`.
+    and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q). `units` of force, U, and of q;
+    `sides` are r / U and Phi. Gives a code of `soro_core.model.dynamics`.
     """
-    arm = view(box)
+    arm, d = view(box), UnmodelledForce(*unmodelled)
+    q, qd, qdd, pressure, creep, covariance = motion
+    force_unit, q_unit = units
+    residual, regressor = sides
     t, n, n_u = arm.tables, q.shape[0], pressure.shape[0]
     code = check(t, q, qd)
     if code != GOOD:
@@ -47,18 +58,18 @@ def show(
     if not (finite(pressure) and finite(creep) and finite(covariance.reshape(n * n))):
         return NOT_FINITE
     model, by_mass, H, missing = np.empty(n), np.empty(n), np.empty((n_u, n)), np.empty(n)
-    motion_forces(t, arm.work, t.tip_mass[0], q, qd, qdd, model, H)
+    motion_forces(t, arm.work, t.tip_mass[0], Motion(q, qd, qd, qdd), model, H)
     tip_mass_force(t, arm.work, q, qd, qdd, by_mass)
     add_damping_force(t, qd, model)
     add_internal_force(t, creep, model)
     for c in range(n):
-        missing[c] = mass_kg * unmodelled_by_mass[c] - unmodelled[c] - model[c]
-        for d in range(n):
-            missing[c] -= unmodelled_by_q[c, d] * (q[d] - at[d])
+        missing[c] = d.mass_kg * d.by_mass[c] - d.force[c] - model[c]
+        for e in range(n):
+            missing[c] -= d.by_q[c, e] * (q[e] - d.at[e])
         for u in range(n_u):
             missing[c] += H[u, c] * acting(t, u, pressure[u])
         missing[c] /= force_unit[c]
-        by_mass[c] = (by_mass[c] + unmodelled_by_mass[c]) / force_unit[c]
+        by_mass[c] = (by_mass[c] + d.by_mass[c]) / force_unit[c]
     if not (finite(missing) and finite(by_mass)):
         return NOT_FINITE
     for c in range(n):
@@ -66,6 +77,6 @@ def show(
         regressor[c, 0] += part * (by_mass[c] - regressor[c, 0])
         first = 1 + c * (n + 1)
         regressor[c, first] += part * (1.0 - regressor[c, first])
-        for d in range(n):
-            regressor[c, first + 1 + d] += part * (q[d] / q_unit[d] - regressor[c, first + 1 + d])
+        for e in range(n):
+            regressor[c, first + 1 + e] += part * (q[e] / q_unit[e] - regressor[c, first + 1 + e])
     return GOOD

@@ -24,17 +24,17 @@ _ROUND_OFF = 1e-12
 def solve(
     actuation: Array,
     force: Array,
-    minimum_pa: Array,
-    span_pa: Array,
+    pressures: tuple[Array, Array, Array],
     weight: Array,
     regularisation: float,
-    preferred_pa: Array,
     x: Array,
 ) -> int:
     """Move scaled pressures x from 0 to 1 to the least |A (H p - f)|^2 + rho |p - p_0|^2, (39).
 
-    Gives the number of iterations: 0 for numbers that are not finite, negative if there were too many.
+    `pressures`: minimum, span and preferred pressure of each chamber, (n_u,) [Pa]. Gives the number of
+    iterations: 0 for numbers that are not finite, negative if there were too many.
     """
+    minimum_pa, span_pa, preferred_pa = pressures
     n_q, n = actuation.shape
     A, b = np.zeros((n_q, n)), np.zeros(n_q)
     hessian, linear = np.empty((n, n)), np.empty(n)

@@ -22,8 +22,9 @@ from soro_core.model.dynamics import GOOD, SINGULAR, check, motion_forces
 from soro_core.model.exact import link_ends, tip_mass_force
 from soro_core.model.links.linear import clear_matrix, lu_factor, lu_solve_rows
 from soro_core.model.method import make_work
+from soro_core.model.records import Motion
 from soro_core.model.tables import Tables
-from soro_core.model.work import Arm
+from soro_core.model.work import Work
 
 # Coefficients of each strain: its mean along the link, and the slope.
 TERMS = 2
@@ -33,54 +34,68 @@ _STEP = 1e-6
 _MOST = 2.0
 
 
-class ArmPair(NamedTuple):
-    """An arm with strains that are constant along its links, and with strains that vary."""
+class StrainedArm(NamedTuple):
+    """An arm with one kind of strain, and the units of its coordinates (n,)."""
 
-    even: Arm
-    varying: Arm
+    tables: Tables
+    work: Work
     unit: Array
-    """Units of the coordinates of the even arm (n,)."""
-    varying_unit: Array
-    """And of the varying one (N,)."""
+
+
+class ArmPair(NamedTuple):
+    """An arm with strains that are constant along its links (n), and with strains that vary (N)."""
+
+    even: StrainedArm
+    varying: StrainedArm
+
+
+class Load(NamedTuple):
+    """What acts on the arm: a mass at the tip beyond its own [kg], and pressures (n_u,) [Pa]."""
+
+    mass_kg: float
+    pressure: Array
+
+
+class Ends(NamedTuple):
+    """Ends of the links (n_ends,): where q has them and where x has them, and their derivatives."""
+
+    wanted: Array
+    found: Array
+    by_q: Array
+    by_x: Array
 
 
 @kernel
 def make_arm_pair(even: Tables, varying: Tables, unit: Array, varying_unit: Array) -> Box:
     """Both arms in a box, each with a workspace."""
-    return Box(ArmPair(Arm(even, make_work(even)), Arm(varying, make_work(varying)), unit, varying_unit))
+    return Box(
+        ArmPair(
+            StrainedArm(even, make_work(even), unit), StrainedArm(varying, make_work(varying), varying_unit)
+        )
+    )
 
 
 @inner
-def force_residual(
-    arm: Arm, mass_kg: float, q: Array, qd: Array, qdd: Array, pressure: Array, H: Array, force: Array
-) -> None:
+def force_residual(arm: StrainedArm, motion: Motion, load: Load, H: Array, force: Array) -> None:
     """force <- f + m Y - H p, H <- its transpose (n_u, n)."""
-    motion_forces(arm.tables, arm.work, arm.tables.tip_mass[0] + mass_kg, q, qd, qdd, force, H)
-    for u in range(pressure.shape[0]):
-        for c in range(q.shape[0]):
-            force[c] -= H[u, c] * pressure[u]
+    t = arm.tables
+    tip_mass = t.tip_mass[0] + load.mass_kg
+    motion_forces(t, arm.work, tip_mass, motion, force, H)
+    for u in range(load.pressure.shape[0]):
+        for c in range(force.shape[0]):
+            force[c] -= H[u, c] * load.pressure[u]
 
 
 @inner
-def _find_slope(
-    arm: Arm,
-    unit: Array,
-    mass_kg: float,
-    q: Array,
-    qd: Array,
-    qdd: Array,
-    pressure: Array,
-    now: Array,
-    column: int,
-    slope: Array,
-) -> None:
+def _find_slope(arm: StrainedArm, motion: Motion, load: Load, now: Array, column: int, slope: Array) -> None:
     """Find a column of the slope of `force_residual` anew; all if it is negative."""
+    q, unit = motion.q, arm.unit
     n = q.shape[0]
-    moved, force, H = q.copy(), np.empty(n), np.empty((pressure.shape[0], n))
+    moved, force, H = q.copy(), np.empty(n), np.empty((load.pressure.shape[0], n))
     for k in range(n):
         if column < 0 or k == column % n:
             moved[k] = q[k] + _STEP * unit[k]
-            force_residual(arm, mass_kg, moved, qd, qdd, pressure, H, force)
+            force_residual(arm, Motion(moved, motion.qd, motion.v, motion.a), load, H, force)
             moved[k] = q[k]
             for c in range(n):
                 slope[c, k] = (force[c] - now[c]) / (_STEP * unit[k])
@@ -109,13 +124,12 @@ def _least_pressures(H: Array, unit: Array, P: Array) -> bool:
 
 
 @inner
-def _fill_system(
-    unit: Array, wide: Array, slope: Array, H: Array, P: Array, by_q: Array, by_x: Array, square: Array
-) -> None:
+def _fill_system(pair: ArmPair, slope: Array, H: Array, P: Array, ends: Ends, square: Array) -> None:
     """square (N + n, N + n) <- the system of Newton; rows and columns in units.
 
     The ends count by the motion of q that they make.
     """
+    unit, wide, by_q = pair.even.unit, pair.varying.unit, ends.by_q
     n, N = unit.shape[0], wide.shape[0]
     clear_matrix(square)
     for r in range(N):
@@ -127,28 +141,20 @@ def _fill_system(
     for r in range(n):
         for c in range(N):
             for e in range(by_q.shape[0]):
-                square[N + r, c] += unit[r] * by_q[e, r] * by_x[e, c] * wide[c]
+                square[N + r, c] += unit[r] * by_q[e, r] * ends.by_x[e, c] * wide[c]
 
 
 @inner
-def _fill_right(
-    unit: Array,
-    wide: Array,
-    missed: Array,
-    load: Array,
-    by_q: Array,
-    wanted: Array,
-    found: Array,
-    right: Array,
-) -> None:
+def _fill_right(pair: ArmPair, missed: Array, by_mass: Array, ends: Ends, right: Array) -> None:
     """right (N + n, 2 + n) <- what is missing, and its derivatives by the mass and by q."""
+    unit, wide, by_q = pair.even.unit, pair.varying.unit, ends.by_q
     n, N = unit.shape[0], wide.shape[0]
     clear_matrix(right)
     for r in range(N):
-        right[r, 0], right[r, 1] = -wide[r] * missed[r], -wide[r] * load[r]
+        right[r, 0], right[r, 1] = -wide[r] * missed[r], -wide[r] * by_mass[r]
     for r in range(n):
-        for e in range(wanted.shape[0]):
-            right[N + r, 0] += unit[r] * by_q[e, r] * (wanted[e] - found[e])
+        for e in range(ends.wanted.shape[0]):
+            right[N + r, 0] += unit[r] * by_q[e, r] * (ends.wanted[e] - ends.found[e])
             for c in range(n):
                 right[N + r, 2 + c] += unit[r] * by_q[e, r] * by_q[e, c]
 
@@ -156,27 +162,24 @@ def _fill_right(
 @entry
 def step(
     box: Box,
-    q: Array,
-    qd: Array,
-    qdd: Array,
+    motion: tuple[Array, Array, Array],
     mass_kg: float,
     column: int,
-    deviation: Array,
-    force: Array,
-    moves: Array,
-    slope: Array,
-    even_slope: Array,
-    unmodelled: Array,
-    by_mass: Array,
-    by_q: Array,
+    shape: tuple[Array, Array, Array, Array, Array],
+    out: tuple[Array, Array, Array],
 ) -> int:
     """Make one step; gives a code of `soro_core.model.dynamics`.
 
-    `deviation`, `force`, `moves` and the slopes are the state, and become that after the step; `column` < 0
-    at the first tick, which has no force and no slopes yet. unmodelled, by_mass, by_q <- `NonuniformForce`.
+    `motion` has q, qd and qdd; `shape` deviation, force, moves and slopes of a `NonuniformStrainState`, which
+    become those after the step; `column` < 0 at the first tick, which has no force and no slopes yet. out <-
+    force, by_mass and by_q of the `NonuniformForce`.
     """
-    bend = view(box)
-    even, varying, unit, wide = bend.even, bend.varying, bend.unit, bend.varying_unit
+    pair = view(box)
+    q, qd, qdd = motion
+    deviation, force, moves, slope, even_slope = shape
+    unmodelled, by_mass, by_q = out
+    even, varying = pair.even, pair.varying
+    unit, wide = even.unit, varying.unit
     n, N, n_u = q.shape[0], wide.shape[0], even.tables.axial_gain.shape[1]
     n_ends = 3 * even.tables.length.shape[0]
     x, xd, xdd = deviation.copy(), np.zeros(N), np.zeros(N)
@@ -193,13 +196,13 @@ def step(
         return code
 
     here, there, P = np.empty((n_u, n)), np.empty((n_u, N)), np.empty((n_u, n))
-    own, load, now, wide_load = np.empty(n), np.empty(n), np.empty(N), np.empty(N)
-    wanted, found = np.empty(n_ends), np.empty(n_ends)
-    ends_by_q, ends_by_x = np.empty((n_ends, n)), np.empty((n_ends, N))
-    pressure = np.zeros(n_u)
-    force_residual(even, mass_kg, q, qd, qdd, pressure, here, own)
-    tip_mass_force(even.tables, even.work, q, qd, qdd, load)
-    link_ends(even.tables, even.work, wanted, ends_by_q)
+    own, by_load, now, wide_load = np.empty(n), np.empty(n), np.empty(N), np.empty(N)
+    ends = Ends(np.empty(n_ends), np.empty(n_ends), np.empty((n_ends, n)), np.empty((n_ends, N)))
+    even_motion, motion_x, load = Motion(q, qd, qd, qdd), Motion(x, xd, xd, xdd), Load(mass_kg, np.zeros(n_u))
+    pressure = load.pressure
+    force_residual(even, even_motion, load, here, own)
+    tip_mass_force(even.tables, even.work, q, qd, qdd, by_load)
+    link_ends(even.tables, even.work, ends.wanted, ends.by_q)
     if not _least_pressures(here, unit, P):
         return SINGULAR
     for c in range(n):
@@ -207,19 +210,19 @@ def step(
             force[c] = own[c]
         for u in range(n_u):
             pressure[u] += P[u, c] * force[c]
-    force_residual(varying, mass_kg, x, xd, xdd, pressure, there, now)
+    force_residual(varying, motion_x, load, there, now)
     tip_mass_force(varying.tables, varying.work, x, xd, xdd, wide_load)
-    link_ends(varying.tables, varying.work, found, ends_by_x)
-    _find_slope(varying, wide, mass_kg, x, xd, xdd, pressure, now, column, slope)
+    link_ends(varying.tables, varying.work, ends.found, ends.by_x)
+    _find_slope(varying, motion_x, load, now, column, slope)
     even_now = own.copy()
     for u in range(n_u):
         for c in range(n):
             even_now[c] -= here[u, c] * pressure[u]
-    _find_slope(even, unit, mass_kg, q, qd, qdd, pressure, even_now, column, even_slope)
+    _find_slope(even, even_motion, load, even_now, column, even_slope)
 
     square, right, pivots = np.empty((N + n, N + n)), np.empty((N + n, 2 + n)), np.empty(N + n, np.int64)
-    _fill_system(unit, wide, slope, there, P, ends_by_q, ends_by_x, square)
-    _fill_right(unit, wide, now, wide_load, ends_by_q, wanted, found, right)
+    _fill_system(pair, slope, there, P, ends, square)
+    _fill_right(pair, now, wide_load, ends, right)
     if not lu_factor(square, pivots):
         return SINGULAR
     lu_solve_rows(square, pivots, right)
@@ -231,7 +234,7 @@ def step(
             moves[r, c] = wide[r] * right[r, 2 + c]
     for r in range(n):
         force[r] += right[N + r, 0] / unit[r]
-        unmodelled[r], by_mass[r] = force[r] - own[r], right[N + r, 1] / unit[r] - load[r]
+        unmodelled[r], by_mass[r] = force[r] - own[r], right[N + r, 1] / unit[r] - by_load[r]
         for c in range(n):
             by_q[r, c] = right[N + r, 2 + c] / unit[r] - even_slope[r, c]
     return GOOD

@@ -81,11 +81,9 @@ def allocate(
     iterations = kernel.solve(
         np.array(actuation, dtype=np.float64),
         np.array(force),
-        np.array(minimum_pa),
-        span,
+        (np.array(minimum_pa), span, np.array(preferred_pa)),
         np.array(weight),
         regularisation,
-        np.array(preferred_pa),
         x,
     )
     # minimum + span * 1 may round to just above the maximum.

@@ -147,7 +147,7 @@ def _ceiling(known: ProbedArm, chamber: int, high_pa: float, rests: list[tuple[f
             continue
         pressure *= 0.5
     for _ in range(_HALVINGS):
-        if all(_stays(known, pressure * one, load, q) for load, q in rests):
+        if rests and all(_stays(known, pressure * one, load, q) for load, q in rests):
             return pressure
         pressure *= 0.5
         if pressure < _LEAST_PA:
@@ -169,7 +169,14 @@ def _stays(known: ProbedArm, pressure: Array, load_kg: float, rest: Array) -> bo
 
 
 def way(arm: SoftArm, q: Array, rest: Array) -> float:
-    """Return how far the ends of the links are from where they rest, that of the end that moved most [m]."""
+    """Return how far the end of a link has moved, of the one that has moved most [m].
+
+    Parameters
+    ----------
+    arm : SoftArm
+    q, rest : ndarray (n_q,)
+        Coordinates now, and at rest.
+    """
     ends = np.cumsum([link.length for link in arm.robot.links])
     return float(max(np.linalg.norm(arm.pose(q, s)[:3, 3] - arm.pose(rest, s)[:3, 3]) for s in ends))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.probing.dead_time import judge_dead_time
-from soro_core.control.probing.findings import FAIL, STOP, ProbeFinding, judge_answers
+from soro_core.control.probing.findings import FAIL, STOP, WARN, ProbeFinding, judge_answers
 from soro_core.control.probing.plan import ProbedArm, plan_probe, way
 from soro_core.control.probing.wiring import HeldState, WiringModel
 
@@ -26,6 +26,10 @@ _STILL_PART = 0.02
 _FOLLOWS, _ERROR_PA = 0.5, 600.0
 # Part of its highest pressure with which the first chamber is tried, and least part that is taken.
 TRIAL, _LEAST_PART = 0.125, 0.35
+# Way of an arm that falls over when it is tried, as a part of the length.
+_FALLS_PART = 0.6
+# The model stays within the limits of motion under every load; an arm that falls over swings beyond its rest.
+_SWING = 1.5
 # Longest time between two samples [s].
 _GAP_S = 0.1
 
@@ -84,7 +88,7 @@ class ProbeState:
     held : tuple of HeldState
         Of rest and of each chamber.
     findings : tuple of ProbeFinding
-        Empty until the end.
+        Complete at the end.
     lenient : bool
         Whether what the answers say only warns.
     """
@@ -137,6 +141,15 @@ class Probe:
         self.plan = plan_probe(known)
         self._model = WiringModel(known.arm, known.heaviest_kg)
 
+    def warm_up(self) -> None:
+        """Judge once without effect: imports and compilation take longer than a tick."""
+        n_q, n_u = self._known.arm.n_q, len(self.plan.names)
+        held = HeldState(np.full(n_q, 1e-3), np.zeros(n_q), np.zeros(n_q), np.zeros(n_u))
+        judge_answers(self._model, self.plan.names, (held, held))
+        t = 0.01 * np.arange(50.0)
+        command = np.repeat(np.where(t < 0.1, 1.0, 0.0)[:, None], n_u, axis=1)
+        judge_dead_time(self.plan.names, t, command, command, self.plan.dead_time_s)
+
     def initial_state(self) -> ProbeState:
         """Return the state before the first tick."""
         return ProbeState(np.zeros(len(self.plan.names)), lenient=self._lenient)
@@ -174,10 +187,13 @@ class Probe:
             return f"a sample is not finite {at}", "look at the sensors"
         if state.row is not None and not 0.0 < (gap_s := sample.t_s - state.row.sample.t_s) <= _GAP_S:
             return f"no estimate of the arm for {gap_s:.2f} s {at}", "look at sensors and estimator"
-        peaks = self._known.fields.peaks(sample.q)
-        if sample.t_s - state.begun_s > _FOUND_S and (peaks > self.plan.limit).any():
+        if state.phase == "press" and self._is_beyond(sample):
             return f"the arm is bent beyond the limits of motion {at}", "look at load, robot file and sensors"
         return None
+
+    def _is_beyond(self, sample: ProbeSample) -> bool:
+        """Whether the arm swings further than it would by the model under any load."""
+        return bool((self._known.fields.peaks(sample.q) > _SWING * self.plan.limit).any())
 
     def _at(self, state: ProbeState) -> str:
         if state.chamber < 0:
@@ -207,6 +223,10 @@ class Probe:
     def _trial(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
         """Press the first chamber a little: it shows how much a load leaves of the arm's stiffness."""
         plan, elapsed_s = self.plan, sample.t_s - state.begun_s
+        if way(self._known.arm, sample.q, state.held[0].q) > _FALLS_PART * self._known.arm.length:
+            found = f"the arm falls over under its load {self._at(state)}: its chambers are not probed"
+            # At once: the law may still catch it.
+            return _ended(state, (ProbeFinding(WARN, found, "take off some of the load, or hang the arm"),))
         state = self._towards(state, 0, TRIAL * float(plan.ceiling_pa[0]) * min(elapsed_s / plan.rise_s, 1.0))
         if elapsed_s < plan.rise_s + plan.settle_s + plan.window_s:
             return state

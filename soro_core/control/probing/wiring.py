@@ -24,8 +24,8 @@ from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_exp
 
-# Errors of the model that no wiring explains: parts of the elastic displacement, of the one by pressure, and of
-# the length.
+# Errors of the model that no wiring explains: parts of the elastic displacement, of the one by pressure, and
+# of the length.
 _ELASTIC, _PRESSED, _SEEN = 0.003, 0.02, 1.5e-3
 # Deviations that are expected of stiffness, gains and tilt [rad], and of the mean of the gains.
 _SOFT, _GAIN, _TILT, _MEAN = 0.3, 0.3, 0.3, 0.02
@@ -35,7 +35,7 @@ _SOFTEST = 0.3
 _STEP = 1e-3
 # Sum of squares for each state from which on deviations are larger.
 _SPREAD = 5.0
-# Part of the square of the elastic motion that counts beside that by pressure: it is large where an arm leans.
+# Part of the square of the elastic motion, large where an arm leans, that counts beside that by pressure.
 _STIFF = 0.1
 # Least motion that counts as one by pressure [m].
 _LEAST_M = 1e-9
@@ -196,7 +196,7 @@ class WiringModel:
         return _Rows(unknown / std, pressed / std, weight @ (arm.gravity_force(q) + moving) / std, std)
 
     def _motions(self, q: Array) -> tuple[Array, Array]:
-        """Return how forces move the ends of all links (n, n_q), and q (n_q, 2) that a turned base looks like.
+        """Return how forces move the ends of all links (n, n_q), and the q (n_q, 2) of a turned base.
 
         Motions are those of the elastic arm, as positions [m] and rotations times half its length [m].
         """

@@ -26,6 +26,7 @@ from soro_core.model.derivative.work import derivative_workspace
 from soro_core.model.forces.chambers import add_pressure_force
 from soro_core.model.links.linear import assign, assign_matrix, clear
 from soro_core.model.method import kinematics, make_work
+from soro_core.model.records import CrossSection
 from soro_core.model.tables import Site, Tables
 
 
@@ -94,7 +95,7 @@ def see(box: Box, site: Site, q: Array, variance: float, covariance: Array) -> N
     arm = view(box)
     w = arm.scratch
     J, x, n = w.columns, w.added, q.shape[0]
-    kinematics(arm.tables, arm.work, site, q, w.rotation, w.position, J)
+    kinematics(arm.tables, arm.work, site, q, CrossSection(w.rotation, w.position, J))
     for r in range(3, 6):  # along the axes of the section, one by one: their errors are independent
         s = variance
         for i in range(n):
@@ -115,7 +116,7 @@ def tip(box: Box, belief: Fields, pressure: Array, pose: Array, of_tip: Array, f
     mean, _, covariance, n = belief
     R = w.rotation
     q = mean[:n]
-    kinematics(t, arm.work, s.tip, q, R, w.position, w.columns)
+    kinematics(t, arm.work, s.tip, q, CrossSection(R, w.position, w.columns))
     for r in range(3):
         for c in range(3):
             pose[r, c] = R[r, c]

@@ -9,6 +9,7 @@ from soro_core.arrays import Array
 from soro_core.estimation.kernel.parts import IMU, IMU_ORIENTED, POSE, FilterArm, SampleValues
 from soro_core.model.links.linear import clear_matrix
 from soro_core.model.method import kinematics
+from soro_core.model.records import CrossSection
 
 # Below this angle [rad] the closed form loses digits; its series is exact to round-off there.
 _SMALL = 1e-4
@@ -106,7 +107,7 @@ def measure(arm: FilterArm, sample: SampleValues, mean: Array) -> int:
             q[i] = w.mean_strain[i]
             for j in range(n):
                 q[i] += w.mean_strain_by_q[i, j] * (mean[j] - w.place[j])
-    kinematics(t, arm.work, sample.site, q, R, w.position, J)
+    kinematics(t, arm.work, sample.site, q, CrossSection(R, w.position, J))
     clear_matrix(w.rows)
     if kind != IMU:
         to_matrix(sample.quaternion, w.measured)

@@ -26,6 +26,7 @@ from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, 
 from soro_core.model.forces.internal import advance_internal
 from soro_core.model.links.linear import assign, clear, lu_factor, lu_solve
 from soro_core.model.method import acceleration, kinematics
+from soro_core.model.records import CrossSection, Motion
 from soro_core.model.tables import CREEP
 
 # Corrections of a step, of which a running filter needs one; and the change of q in the last, as a strain.
@@ -71,12 +72,12 @@ def loaded_acceleration(arm: FilterArm, q: Array, v: Array, z: Array, pressure: 
         for j in range(n):
             force[i] += w.slope[i, j] * q[j]
     if w.lost[0] < 0.0:
-        kinematics(t, arm.work, s.tip, q, w.rotation, w.position, w.columns)
+        kinematics(t, arm.work, s.tip, q, CrossSection(w.rotation, w.position, w.columns))
         for r in range(3):
             w.wrench[3 + r] = 0.0
             for k in range(3):
                 w.wrench[3 + r] += w.lost[0] * w.rotation[k, r] * t.gravity[k]
-    if not acceleration(t, arm.work, w.wrench, q, v, force, a):
+    if not acceleration(t, arm.work, w.wrench, q, v, a):
         return SINGULAR
     return GOOD if finite(a) else NOT_FINITE
 
@@ -85,7 +86,7 @@ def loaded_acceleration(arm: FilterArm, q: Array, v: Array, z: Array, pressure: 
 def _exact(room: DerivativeWork, arm: FilterArm, q: Array, v: Array, z: Array, pressure: Array) -> int:
     t, w = arm.tables, arm.scratch
     n = q.shape[0]
-    equation.equation_derivatives(t, room, pressure, w.wrench, q, v, w.acceleration)
+    equation.equation_derivatives(t, room, pressure, w.wrench, Motion(q, v, v, w.acceleration))
     left = room.equation[BY_Q]
     for i in range(n):
         for j in range(n):
@@ -173,7 +174,7 @@ def step_mean(arm: FilterArm, pressure: Array, dt: float, belief: Belief) -> int
     code: int = loaded_acceleration(arm, q, v, internal, pressure, a)
     if code != GOOD:
         return code
-    advance_internal(t, internal, v, v, dt, internal1, w.tangent)
+    advance_internal(t, internal, (v, v), dt, internal1, w.tangent)
     code = slopes(arm.room, arm, q, v, internal, pressure)
     if code != GOOD:
         return code
@@ -189,7 +190,7 @@ def step_mean(arm: FilterArm, pressure: Array, dt: float, belief: Belief) -> int
     lu_solve(w.system, w.pivots, dv)
     for _ in range(_CORRECTIONS):
         _move(mean, dv, dt, mean1)
-        advance_internal(t, internal, v, mean1[n : 2 * n], dt, internal1, w.tangent)
+        advance_internal(t, internal, (v, mean1[n : 2 * n]), dt, internal1, w.tangent)
         code = loaded_acceleration(
             arm, mean1[:n], mean1[n : 2 * n], internal1, pressure, w.moved_acceleration
         )
@@ -200,7 +201,7 @@ def step_mean(arm: FilterArm, pressure: Array, dt: float, belief: Belief) -> int
             return NOT_FINITE
         if size < _SAME:
             _move(mean, dv, dt, mean1)
-            advance_internal(t, internal, v, mean1[n : 2 * n], dt, internal1, w.tangent)
+            advance_internal(t, internal, (v, mean1[n : 2 * n]), dt, internal1, w.tangent)
             return GOOD
     return NOT_CONVERGED
 

@@ -6,13 +6,21 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.integrate.derivatives.sensitivity import STAGE, START, Q, Sensitivity, V, solve_stage
-from soro_core.integrate.system import StepWork
+from soro_core.integrate.derivatives.sensitivity import (
+    STAGE,
+    START,
+    Q,
+    Sensitivity,
+    StepDerivation,
+    V,
+    solve_stage,
+)
+from soro_core.integrate.step_work import StepInput, Stepping, StepWork
 from soro_core.model.derivative.equation import equation_derivatives
-from soro_core.model.derivative.work import DerivativeWork
 from soro_core.model.forces.internal import BY_SECOND
 from soro_core.model.links.linear import assign, assign_matrix, clear
-from soro_core.model.tables import CREEP, Tables
+from soro_core.model.records import ArmState, Motion
+from soro_core.model.tables import CREEP
 
 
 @inner
@@ -41,35 +49,26 @@ def _explicit_stage(s: Sensitivity, work: StepWork, weights: Array, stage: int, 
 
 @inner
 def follow_explicit(
-    t: Tables,
-    d: DerivativeWork,
-    s: Sensitivity,
-    work: StepWork,
-    matrix: Array,
-    h: float,
-    q0: Array,
-    v0: Array,
-    z0: Array,
-    pressure: Array,
-    wrench: Array,
+    room: StepDerivation, run: Stepping, matrix: Array, h: float, start: ArmState, held: StepInput
 ) -> bool:
     """Follow the stages of a `Tableau`; leave q and v of its new state in `point`. False if singular."""
+    t, work, d, s = run.tables, run.work, room.equation, room.sensitivity
     n = matrix.shape[1]
     clear(s.slope[BY_SECOND])
     good = True
     for stage in range(n + 1):
-        assign(q0, s.point[Q])
-        assign(v0, s.point[V])
-        assign(z0, s.internal)
+        assign(start.q, s.point[Q])
+        assign(start.v, s.point[V])
+        assign(start.z, s.internal)
         _explicit_stage(s, work, matrix[stage], stage, h)
         if stage == n:
             break
         v, a = s.point[V], work.stage_acceleration[stage]
-        equation_derivatives(t, d, pressure, wrench, s.point[Q], v, a)
+        equation_derivatives(t, d, held.pressure, held.wrench, Motion(s.point[Q], v, v, a))
         good = good and solve_stage(t, d, s, 0.0, 0.0)
         assign_matrix(s.v[STAGE], s.stage_v[stage])
         assign_matrix(s.a[STAGE], s.stage_a[stage])
-        for j in range(z0.shape[0]):
+        for j in range(start.z.shape[0]):
             c, scale = t.internal_coordinate[j], t.internal_scale[j]
             is_creep = t.internal_kind[j] == CREEP
             by_z = -1.0 / scale if is_creep else -abs(v[c]) / scale

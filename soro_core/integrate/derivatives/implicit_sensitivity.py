@@ -12,40 +12,32 @@ from soro_core.integrate.derivatives.sensitivity import (
     V_LAST,
     A,
     Q,
-    Sensitivity,
+    StepDerivation,
+    StepRule,
     V,
     follow,
     solve_stage,
 )
+from soro_core.integrate.step_work import EARLIER, StepInput, Stepping
 from soro_core.integrate.steppers.scheme import stage_of
-from soro_core.integrate.system import EARLIER, StepWork
 from soro_core.model.derivative.equation import equation_derivatives
-from soro_core.model.derivative.work import DerivativeWork
 from soro_core.model.forces.internal import internal_slopes
 from soro_core.model.links.linear import assign, assign_matrix, clear
+from soro_core.model.records import ArmState, Motion
 from soro_core.model.tables import Tables
 
 
 @inner
-def _implicit_stage(
-    t: Tables,
-    d: DerivativeWork,
-    s: Sensitivity,
-    stages: Array,
-    stage: int,
-    h: float,
-    z_last: Array,
-    v_last: Array,
-    v: Array,
-) -> bool:
+def _implicit_stage(t: Tables, room: StepDerivation, stages: Array, stage: int, h: float) -> bool:
     """Add a stage of a `Scheme`, or for `stage` = -1 the acceleration at the start; False if it is singular.
 
-    z_last (n_z,), v_last, v (n_q,): internal states and velocity of the stage before, velocity of this one.
+    The slopes of the internal states over the stage are known.
     """
+    d, s = room.equation, room.sensitivity
     c = stage_of(stages, max(stage, 0))
-    c_q, c_v, span = h * h * c.c_q, h * c.c_v, h * c.span
+    c_q, c_v = h * h * c.c_q, h * c.c_v
     if stage < 0:
-        c_q = c_v = span = 0.0
+        c_q = c_v = 0.0
         assign_matrix(s.q[START], s.q[STAGE])
         assign_matrix(s.v[START], s.v[STAGE])
     else:
@@ -55,7 +47,6 @@ def _implicit_stage(
                 s.v[STAGE, w, b] = v0 + h * (c.v_a0 * a0 + c.v_a * a)
                 moved = c.q_v0 * v0 + c.q_v * s.v[LAST, w, b] + h * (c.q_a0 * a0 + c.q_a * a)
                 s.q[STAGE, w, b] = s.q[START, w, b] + h * moved
-    internal_slopes(t, z_last, v_last, v, span, s.slope)
     follow(t, s, LAST)
     good = solve_stage(t, d, s, c_q, c_v)
     if stage < 0:
@@ -69,31 +60,23 @@ def _implicit_stage(
 
 @inner
 def follow_implicit(
-    t: Tables,
-    d: DerivativeWork,
-    s: Sensitivity,
-    work: StepWork,
-    stages: Array,
-    own: int,
-    at_start: bool,
-    h: float,
-    q0: Array,
-    v0: Array,
-    z0: Array,
-    pressure: Array,
-    wrench: Array,
+    room: StepDerivation, run: Stepping, rule: StepRule, start: ArmState, held: StepInput
 ) -> bool:
     """Follow the stages of a `Scheme`; leave q and v of its new state in `point`. False if it is singular."""
+    t, work, d, s = run.tables, run.work, room.equation, room.sensitivity
+    stages, own, h = rule.coefficients, rule.own, rule.h
+    q0, v0, z0 = start
     q, v, a, v_last, a0 = s.point[Q], s.point[V], s.point[A], s.point[V_LAST], s.point[A_START]
     clear(a0)
     clear(a)
     assign(v0, v_last)
     z_last = z0
     good = True
-    if at_start:
+    if rule.at_start:
         assign(work.memory[EARLIER], a0)
-        equation_derivatives(t, d, pressure, wrench, q0, v0, a0)
-        good = _implicit_stage(t, d, s, stages, -1, h, z0, v0, v0)
+        equation_derivatives(t, d, held.pressure, held.wrench, Motion(q0, v0, v0, a0))
+        internal_slopes(t, z0, v0, v0, 0.0, s.slope)
+        good = _implicit_stage(t, room, stages, -1, h)
     for k in range(own):
         c = stage_of(stages, k)
         for b in range(q.shape[0]):
@@ -104,8 +87,9 @@ def follow_implicit(
             a[b] = work.acceleration[b] if last else (work.v_stage[b] - v_base) / (h * c.c_v)
             q[b] = q_base + h * h * c.c_q * a[b]
             v[b] = v_base + h * c.c_v * a[b]
-        equation_derivatives(t, d, pressure, wrench, q, v, a)
-        good = good and _implicit_stage(t, d, s, stages, k, h, z_last, v_last, v)
+        equation_derivatives(t, d, held.pressure, held.wrench, Motion(q, v, v, a))
+        internal_slopes(t, z_last, v_last, v, h * c.span, s.slope)
+        good = good and _implicit_stage(t, room, stages, k, h)
         assign(v, v_last)
         z_last = work.z_stage
     place = stage_of(stages, own - 1).place

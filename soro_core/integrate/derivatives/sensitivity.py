@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soro_core._box import Box
+from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.arrays import Array, Integers
-from soro_core.integrate.system import MOST_STAGES
-from soro_core.model.derivative.work import BY_A, BY_Q, BY_V, DerivativeWork
+from soro_core.integrate.step_work import MOST_STAGES
+from soro_core.model.derivative.work import BY_A, BY_Q, BY_V, DerivativeWork, derivative_workspace
 from soro_core.model.forces.internal import BY_FIRST, BY_SECOND, BY_START
 from soro_core.model.links.linear import lu_factor, lu_solve
 from soro_core.model.tables import CREEP, Tables
@@ -50,6 +50,26 @@ class Sensitivity(NamedTuple):
     """Internal states of an explicit stage, (n_z,)."""
 
 
+class StepDerivation(NamedTuple):
+    """Workspace for the derivatives of a step: of the equation of motion, and the sensitivities."""
+
+    equation: DerivativeWork
+    sensitivity: Sensitivity
+
+
+class StepRule(NamedTuple):
+    """Rule of a stepper, and the length h of its step [s].
+
+    The coefficients are the stages of a `Scheme`, of which `own` are its own and `at_start` says whether it
+    uses the acceleration at the start; or with `own` = 0 the matrix of a `Tableau`.
+    """
+
+    coefficients: Array
+    own: int
+    at_start: bool
+    h: float
+
+
 def make_sensitivity(n_q: int, n_z: int, n_u: int) -> Sensitivity:
     """Return zeros; the start of the step, the stage before the first too, depends on itself alone.
 
@@ -80,9 +100,9 @@ def make_sensitivity(n_q: int, n_z: int, n_u: int) -> Sensitivity:
 
 
 @kernel
-def box_of(s: Sensitivity) -> Box:
-    """Return them in a box; the caller keeps the arrays."""
-    return Box(s)
+def box_of(arm: Box, s: Sensitivity) -> Box:
+    """Return a `StepDerivation` of the arm in a box; the caller keeps the arrays of `s`."""
+    return Box(StepDerivation(derivative_workspace(view(arm).tables), s))
 
 
 @inner

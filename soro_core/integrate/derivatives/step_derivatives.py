@@ -14,13 +14,25 @@ from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.integrate.derivatives.explicit_sensitivity import follow_explicit
 from soro_core.integrate.derivatives.implicit_sensitivity import follow_implicit
-from soro_core.integrate.derivatives.sensitivity import LAST, STAGE, START, Q, V, box_of, make_sensitivity
+from soro_core.integrate.derivatives.sensitivity import (
+    LAST,
+    STAGE,
+    START,
+    Q,
+    StepRule,
+    V,
+    box_of,
+    make_sensitivity,
+)
 from soro_core.integrate.state import State
+from soro_core.integrate.step_work import StepInput
 from soro_core.integrate.steppers.scheme import Scheme
 from soro_core.integrate.steppers.tableau import Tableau
 from soro_core.model.checks import flat_wrench, shaped
+from soro_core.model.checks import refuse_underivable as refuse_arm
 from soro_core.model.dynamics import GOOD, NOT_FINITE, SINGULAR
 from soro_core.model.links.linear import assign_matrix, clear_matrix
+from soro_core.model.records import ArmState
 from soro_core.pneumatics.valve_model import ValveModel
 
 if TYPE_CHECKING:
@@ -59,17 +71,17 @@ class StepRoom:
     """
 
     def __init__(self, arm: SoftArm) -> None:
-        self._arm, self._room = arm, arm._room
+        refuse_arm(arm.robot, arm.method)
+        self._arm = arm
         # The box does not keep the arrays.
         self._arrays = make_sensitivity(arm.n_q, arm.n_internal, arm.n_u)
-        self._box = box_of(self._arrays)
+        self._box = box_of(arm._box, self._arrays)
 
     def derive(
         self,
         rule: Scheme | Tableau,
         run: Box,
-        state: State,
-        end: State,
+        states: tuple[State, State],
         pressures: ArrayLike,
         dt: float,
         wrench: ArrayLike | None,
@@ -82,8 +94,8 @@ class StepRoom:
             Coefficients of the stepper.
         run : Box
             The stepper's `Stepping` after the step.
-        state, end : State
-            States before and after it.
+        states : tuple of State
+            Those before and after it.
         pressures, dt, wrench : array_like, float, array_like or None
             Those of the step.
 
@@ -92,7 +104,7 @@ class StepRoom:
         ModelError
             If the step is not one step of the rule.
         """
-        arm = self._arm
+        arm, (state, end) = self._arm, states
         name, n_q, n_z = arm.robot.name, arm.n_q, arm.n_internal
         q, qd = shaped(state.q, (n_q,), "q", name), shaped(state.qd, (n_q,), "qd", name)
         z = shaped(state.internal, (n_z,), "internal", name)
@@ -100,8 +112,8 @@ class StepRoom:
         by = np.empty((2 * n_q + n_z, 2 * n_q + n_z + arm.n_u))
         coefficients = rule.stages if isinstance(rule, Scheme) else rule.matrix
         own, at_start = (rule.own, rule.start) if isinstance(rule, Scheme) else (0, False)
-        boxes = arm._box, self._room, self._box, run
-        code = _derive(*boxes, coefficients, own, at_start, float(dt), q, qd, z, end.q, end.qd, p, w, by)
+        fields, motion = (coefficients, own, at_start, float(dt)), ((q, qd, z), (end.q, end.qd))
+        code = _derive(self._box, run, fields, motion, (p, w), by)
         if code == OTHER_STEP:
             raise ModelError(
                 f"derivatives of a step that was damped, divided or corrected (dt = {float(dt):g} s):"
@@ -126,39 +138,32 @@ def _differs(x: Array, y: Array) -> bool:
 
 @entry
 def _derive(
-    arm: Box,
-    room: Box,
     box: Box,
     run: Box,
-    rule: Array,
-    own: int,
-    at_start: bool,
-    h: float,
-    q0: Array,
-    v0: Array,
-    z0: Array,
-    q1: Array,
-    v1: Array,
-    pressure: Array,
-    wrench: Array,
+    fields: tuple[Array, int, bool, float],
+    motion: tuple[tuple[Array, Array, Array], tuple[Array, Array]],
+    held: tuple[Array, Array],
     by: Array,
 ) -> int:
     """Fill `by` (2 n_q + n_z, w) with the derivatives of the step that `run` has made last; gives a code.
 
-    `rule`: stages of a `Scheme`, of which `own` are its own and `at_start` says whether it uses the
-    acceleration at the start; or with `own` = 0 the matrix of a `Tableau`. 0: before the step, 1: after it.
+    `fields` of a `StepRule`; `motion`: q, v, z before the step, and q, v after it; `held`: pressures (n_u,)
+    and wrenches.
     """
-    t, d, s, work = view(arm).tables, view(room), view(box), view(run).work
+    room, stepping = view(box), view(run)
+    s, rule = room.sensitivity, StepRule(*fields)
+    start, end = ArmState(*motion[0]), motion[1]
+    given = StepInput(*held)
     n_q, n_z = s.q.shape[2], s.z.shape[2]
     clear_matrix(s.a[START])
     clear_matrix(s.a[LAST])
     assign_matrix(s.v[START], s.v[LAST])
     assign_matrix(s.z[START], s.z[LAST])
-    if own > 0:
-        good = follow_implicit(t, d, s, work, rule, own, at_start, h, q0, v0, z0, pressure, wrench)
+    if rule.own > 0:
+        good = follow_implicit(room, stepping, rule, start, given)
     else:
-        good = follow_explicit(t, d, s, work, rule, h, q0, v0, z0, pressure, wrench)
-    if _differs(s.point[Q], q1) or _differs(s.point[V], v1):
+        good = follow_explicit(room, stepping, rule.coefficients, rule.h, start, given)
+    if _differs(s.point[Q], end[0]) or _differs(s.point[V], end[1]):
         return OTHER_STEP
     total = 0.0
     for w in range(s.q.shape[1]):

@@ -106,7 +106,7 @@ def _inward(t: Tables, d: DerivativeWork, wrench: Array) -> None:
         _meet(d, first, behind)
         if i > 0:
             f = d.wrench[i]
-            add(f[0], f[1], f[2], f[3], f[4], f[5], 1.0, F)
+            add((f[0], f[1], f[2], f[3], f[4], f[5]), 1.0, F)
             complete_rigid(d.inertia[i])
             for r in range(6):
                 for c in range(6):

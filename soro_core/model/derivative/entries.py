@@ -7,6 +7,7 @@ from soro_core._jit import entry, kernel
 from soro_core.arrays import Array
 from soro_core.model.derivative import equation
 from soro_core.model.derivative.work import derivative_workspace
+from soro_core.model.records import Motion
 
 
 @kernel
@@ -19,19 +20,16 @@ def make_derivative_box(box: Box) -> Box:
 def acceleration_derivatives(
     box: Box,
     room: Box,
+    motion: tuple[Array, Array, Array],
     pressure: Array,
     wrench: Array,
-    q: Array,
-    qd: Array,
-    a: Array,
-    by_q: Array,
-    by_qd: Array,
-    by_p: Array,
+    by: tuple[Array, Array, Array],
 ) -> int:
-    """Fill the derivatives of the acceleration `a` that the forward dynamics give there; gives a code.
+    """Fill the derivatives of the acceleration a that the forward dynamics give there; gives a code.
 
-    by_q, by_qd (n_q, n_q), by_p (n_q, n_u).
+    `motion`: q, qd and a, (n_q,). `by` q, qd (n_q, n_q) and pressure (n_q, n_u).
     """
     d = view(room)
-    equation.equation_derivatives(view(box).tables, d, pressure, wrench, q, qd, a)
-    return equation.acceleration_derivatives(d, by_q, by_qd, by_p)
+    q, qd, a = motion
+    equation.equation_derivatives(view(box).tables, d, pressure, wrench, Motion(q, qd, qd, a))
+    return equation.acceleration_derivatives(d, by[0], by[1], by[2])

@@ -17,18 +17,20 @@ from soro_core.model.forces.chambers import acting_rate, add_gradient, add_press
 from soro_core.model.forces.elasticity import add_stiffness
 from soro_core.model.links.articulated import cholesky
 from soro_core.model.links.linear import clear, clear_matrix
+from soro_core.model.records import Motion
 from soro_core.model.tables import Tables
 
 
 @inner
 def equation_derivatives(
-    t: Tables, d: DerivativeWork, pressure: Array, wrench: Array, q: Array, qd: Array, a: Array
+    t: Tables, d: DerivativeWork, pressure: Array, wrench: Array, motion: Motion
 ) -> None:
     """d.equation <- derivatives by a (lower triangle), q and qd; d.actuation <- less that by p.
 
     That is H, each column by the rate at which its pressure acts: 0 within a dead band.
     """
-    inverse_derivatives(t, d, wrench, q, qd, a)
+    q = motion.q
+    inverse_derivatives(t, d, wrench, q, motion.qd, motion.a)
     clear_matrix(d.block)
     add_stiffness(t, q, 1.0, d.block)
     add_pressure_stiffness(t, q, pressure, 1.0, d.block)

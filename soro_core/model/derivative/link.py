@@ -12,7 +12,7 @@ import math
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.model.derivative.rates import add_bracket, along, begin, bracket, carry, coefficients, combine
-from soro_core.model.derivative.slice import add_slice
+from soro_core.model.derivative.slice import LinkSlice, add_slice
 from soro_core.model.derivative.work import (
     ADDED,
     FORCE,
@@ -34,6 +34,7 @@ from soro_core.model.links.lie import exponential, to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.links.link import node, strain_twist
 from soro_core.model.links.magnus import strain_at
+from soro_core.model.records import Motion
 from soro_core.model.tables import Tables
 
 COMMUTATOR = math.sqrt(3.0) / 12.0
@@ -94,7 +95,7 @@ def pass_constant(t: Tables, d: DerivativeWork, i: int, q: Array, qd: Array, a: 
             omega[2, r] += X[r] * a[first + j]
         to_parent(R, p, X)
         begin(V, A, X, d.rates[0, 0, j], d.rates[1, 0, j])
-    carry(R, p, V, A, omega[0], omega[1], omega[2])
+    carry(R, p, V, A, omega)
     bracket(m, omega, powers, d.rates)
     y, y1, y2 = _turn_rates(omega)
     clear_matrix(sums)
@@ -106,7 +107,7 @@ def pass_constant(t: Tables, d: DerivativeWork, i: int, q: Array, qd: Array, a: 
         along(s, y1, y2, d.tangent, k)
         combine(m, k, powers, d.rates, d.node)
         _place_slice(d, omega[0], s, LINK)
-        add_slice(d, i, first, m, dm, k2, qd, a)
+        add_slice(d, i, LinkSlice(first, m, dm, k2), qd, a)
         # Sums of the forces by the coefficients, for `curvature`.
         power = s * s * s
         for e in range(5):
@@ -124,24 +125,24 @@ def pass_constant(t: Tables, d: DerivativeWork, i: int, q: Array, qd: Array, a: 
 
 
 @inner
-def _strains(
-    t: Tables, d: DerivativeWork, i: int, shape: Array, q: Array, qd: Array, a: Array, R: Array, p: Array
-) -> None:
-    """d.jet[0], d.jet[1] <- strains at the two Gauss points of a sub-interval, and their rates."""
+def _strains(t: Tables, d: DerivativeWork, i: int, k: int, motion: Motion) -> None:
+    """d.jet[0], d.jet[1] <- strains at the two Gauss points of sub-interval k of link i, and their rates."""
+    shape, R, p = t.shape[k], d.rotation[SECTION], d.position[SECTION]
     for point in range(2):
         x = d.jet[point]
         assign(t.reference[i], x[0])
         clear(x[1])
         clear(x[2])
-        strain_at(t, i, shape, point, q, x[0])
-        strain_at(t, i, shape, point, qd, x[1])
-        strain_at(t, i, shape, point, a, x[2])
-        carry(R, p, d.twists[SECTION_TWIST], d.twists[SECTION_ACCELERATION], x[0], x[1], x[2])
+        strain_at(t, i, shape, point, motion.q, x[0])
+        strain_at(t, i, shape, point, motion.qd, x[1])
+        strain_at(t, i, shape, point, motion.a, x[2])
+        carry(R, p, d.twists[SECTION_TWIST], d.twists[SECTION_ACCELERATION], x)
 
 
 @inner
-def _summands(t: Tables, d: DerivativeWork, i: int, k: int, h: float, c: float, R: Array, p: Array) -> int:
+def _summands(t: Tables, d: DerivativeWork, i: int, k: int, h: float) -> int:
     """Columns 2 g, 2 g + 1 of powers[0] <- X_1, X_2 of strain g, (9), and their rates; gives how many."""
+    R, p, c = d.rotation[SECTION], d.position[SECTION], COMMUTATOR * h * h
     first = t.offset[i]
     unit, X = d.jet[2], d.jet[3]
     count = 0
@@ -188,12 +189,12 @@ def pass_varying(t: Tables, d: DerivativeWork, i: int, q: Array, qd: Array, a: A
         assign(d.twists[NODE_ACCELERATION], A)
         assign(d.wrench[i], d.force[i, k, 0])
         omega, powers = d.omega[i, k], d.powers[i, k]
-        _strains(t, d, i, t.shape[k], q, qd, a, R, p)
+        _strains(t, d, i, k, Motion(q, qd, qd, a))
         for order in range(3):
             for r in range(6):
                 omega[order, r] = 0.5 * h * (d.jet[0, order, r] + d.jet[1, order, r])
         add_bracket(d.jet[0], d.jet[1], c, omega)
-        count = _summands(t, d, i, k, h, c, R, p)
+        count = _summands(t, d, i, k, h)
         bracket(count, omega, powers, d.rates)
         y, y1, y2 = _turn_rates(omega)
         coefficients(y, d.stumpff, d.tangent)
@@ -213,5 +214,5 @@ def pass_varying(t: Tables, d: DerivativeWork, i: int, q: Array, qd: Array, a: A
                     d.node[order, j, r] += f1 * d.pieces[order, g, r] + f2 * d.pieces[order, g + 1, r]
         _place_slice(d, omega[0], 1.0, SECTION)
         _, dm, k2 = node(t, i, k, t.mass, t.tip_mass[0])
-        add_slice(d, i, first, m, dm, k2, qd, a)
+        add_slice(d, i, LinkSlice(first, m, dm, k2), qd, a)
     _finish(d, first, m)

@@ -48,11 +48,12 @@ def coefficients(y: float, c: Array, a: Array) -> None:
 
 
 @inner
-def carry(R: Array, p: Array, V: Array, A: Array, x: Array, xd: Array, xdd: Array) -> None:
-    """x, xd, xdd <- the twist of the section g = (R, p) and its rates, seen from the fixed frame.
+def carry(R: Array, p: Array, V: Array, A: Array, twist: Array) -> None:
+    """twist (3, 6) <- the twist of the section g = (R, p) and its rates, seen from the fixed frame.
 
     V and A are twist and acceleration of the section, seen from there too.
     """
+    x, xd, xdd = twist[0], twist[1], twist[2]
     to_parent(R, p, x)
     to_parent(R, p, xd)
     to_parent(R, p, xdd)

@@ -7,6 +7,8 @@ N eta_j'' + Q eta_j' with q_j and by 2 N eta_j' + Q eta_j with its velocity. All
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.model.derivative.work import (
@@ -38,7 +40,7 @@ def add_turned(turn: Array, linear: Array, x: Array, factor: float, out: Array) 
     f0 = 2.0 * (w1 * linear[2] - w2 * linear[1])
     f1 = 2.0 * (w2 * linear[0] - w0 * linear[2])
     f2 = 2.0 * (w0 * linear[1] - w1 * linear[0])
-    add(n0, n1, n2, f0, f1, f2, factor, out)
+    add((n0, n1, n2, f0, f1, f2), factor, out)
 
 
 @inner
@@ -54,8 +56,9 @@ def _add_transposed(turn: Array, linear: Array, x: Array, out: Array) -> None:
 
 
 @inner
-def _slice_turn(i: float, R: Array, p: Array, V: Array, l0: float, l1: float, l2: float, turn: Array) -> None:
-    """turn <- rotary block of Q of a slice, docs/model.md (44); `i` = mass k2, l its linear momentum."""
+def _slice_turn(i: float, R: Array, p: Array, V: Array, linear: Array, turn: Array) -> None:
+    """turn <- rotary block of Q of a slice, docs/model.md (44); `i` = mass k2."""
+    l0, l1, l2 = linear[0], linear[1], linear[2]
     x, y, z = p[0], p[1], p[2]
     e0, e1, e2 = R[0, 2], R[1, 2], R[2, 2]
     w0, w1, w2 = V[0], V[1], V[2]
@@ -73,14 +76,22 @@ def _slice_turn(i: float, R: Array, p: Array, V: Array, l0: float, l1: float, l2
     turn[2, 1] = -2.0 * l2 * y + d1 * e2 + d2 * e1 - g0
 
 
+class LinkSlice(NamedTuple):
+    """First coordinate of a link and their number, mass [kg] and squared gyration radius [m^2] of a slice."""
+
+    first: int
+    m: int
+    dm: float
+    k2: float
+
+
 @inner
-def add_slice(
-    d: DerivativeWork, i: int, first: int, m: int, dm: float, k2: float, qd: Array, a: Array
-) -> None:
+def add_slice(d: DerivativeWork, i: int, of: LinkSlice, qd: Array, a: Array) -> None:
     """Add the slice of link i at the pose SLICE with the columns `d.node`; leave its motion and force.
 
     What the links inward need of this one is left out for the first link.
     """
+    first, m, dm, k2 = of
     R, p = d.rotation[SLICE], d.position[SLICE]
     V, A = d.twists[NODE_TWIST], d.twists[NODE_ACCELERATION]
     h, f = d.twists[MOMENTUM], d.twists[FORCE]
@@ -92,8 +103,8 @@ def add_slice(
     momentum(dm, k2, R, p, V, h)
     momentum(dm, k2, R, p, A, f)
     add_coad(V, h, -1.0, f)
-    _slice_turn(dm * k2, R, p, V, h[3], h[4], h[5], turn)
-    add(f[0], f[1], f[2], f[3], f[4], f[5], 1.0, d.wrench[i])
+    _slice_turn(dm * k2, R, p, V, linear, turn)
+    add((f[0], f[1], f[2], f[3], f[4], f[5]), 1.0, d.wrench[i])
     if i > 0:
         add_rigid(dm, k2, R, p, d.inertia[i])
         for r in range(3):
@@ -128,6 +139,6 @@ def add_outer(d: DerivativeWork, c: int, eta: Array, f: Array, turn: Array, line
     """Add `d.change` by coordinate c, and its motion of the wrench f, to what the links inward need."""
     for by in range(3):
         x, out = d.change[by], d.outer[by, c]
-        add(x[0], x[1], x[2], x[3], x[4], x[5], 1.0, out)
+        add((x[0], x[1], x[2], x[3], x[4], x[5]), 1.0, out)
     add_coad(eta, f, -1.0, d.outer[BY_Q, c])
     _add_transposed(turn, linear, eta, d.outer[TURNED, c])

@@ -13,6 +13,7 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
+from soro_core.model.records import TangentFactors
 
 
 @inner
@@ -57,15 +58,14 @@ def add_force(obstacle: Array, depth: float, n: Array, u: Array, F: Array) -> No
 
 
 @inner
-def add_tangent(
-    obstacle: Array, depth: float, n: Array, u: Array, by_q: float, by_v: float, secant: float, K: Array
-) -> None:
+def add_tangent(obstacle: Array, depth: float, n: Array, u: Array, factors: TangentFactors, K: Array) -> None:
     """K += -(by_q dF/dx + by_v dF/du), symmetric and positive semi-definite, (3, 3).
 
     Left out are the turn of the normal and how friction follows the normal force, which are not. Where slip
     has outgrown v_s, the derivative of friction is nearly zero along v; with `secant` = 1 its place is
     taken by the ratio of force to velocity, with which one linear step never turns a slip around.
     """
+    by_q, by_v, secant = factors
     speed = u[0] * n[0] + u[1] * n[1] + u[2] * n[2]
     N = normal_force(obstacle, depth, -speed)
     stiffness = obstacle[6] * max(0.0, 1.0 - obstacle[7] * speed)

@@ -16,8 +16,9 @@ from soro_core.arrays import Array
 from soro_core.model.forces.contact import add_force, add_tangent, gap, stored_energy
 from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
-from soro_core.model.links.link_kinematics import along_constant, along_varying, begin_varying, step_varying
+from soro_core.model.links.link_kinematics import along_constant, begin_varying, step_varying, whole_step
 from soro_core.model.links.point import add_point_force, move_point, point_momentum
+from soro_core.model.records import CrossSection, Motion, SubInterval, TangentFactors
 from soro_core.model.tables import CONTACT, HELD, External, NoExternal, Tables
 from soro_core.model.work import (
     LINK_BASE,
@@ -40,23 +41,14 @@ from soro_core.model.work import (
 
 
 @inner
-def _visit(
-    t: Tables,
-    w: Work,
-    wrench: Array,
-    q: Array,
-    qd: Array,
-    by_q: float,
-    by_v: float,
-    secant: float,
-    tau: Array,
-) -> float:
+def _visit(t: Tables, w: Work, wrench: Array, motion: Motion, factors: TangentFactors, tau: Array) -> float:
     """Go outward from place to place; forces where by_q and by_v are 0, else tangents."""
-    e = t.external
+    e, q, qd = t.external, motion.q, motion.qd
     R, p, V = w.site_rotation[LINK_BASE], w.site_position[LINK_BASE], w.site_vectors[LINK_TWIST]
     R_node, p_node = w.site_rotation[WALKED], w.site_position[WALKED]
     Rs, ps = w.site_rotation[SITE], w.site_position[SITE]
     B_node, B1 = w.site_columns[WALKED_COLUMNS], w.site_columns[SITE_COLUMNS]
+    walked, site = CrossSection(R_node, p_node, B_node), CrossSection(Rs, ps, B1)
     energy = 0.0
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
@@ -66,7 +58,7 @@ def _visit(
         m = t.offset[i + 1] - first
         done = 0
         if t.varying[i]:
-            begin_varying(R_node, p_node, B_node)
+            begin_varying(walked)
         for k in range(e.first[i], e.first[i + 1]):
             whole = e.whole[k]
             if whole == t.fraction.shape[0]:
@@ -74,24 +66,25 @@ def _visit(
                 assign(w.end_position[i], ps)
                 assign_matrix(w.end_columns[i], B1)
             elif t.varying[i]:
-                along_varying(t, w, i, done, whole, q, R_node, p_node, B_node)
+                for n in range(done, whole):
+                    step_varying(t, w, i, whole_step(t, i, n), q, walked)
                 done = whole
                 assign_matrix(R_node, Rs)
                 assign(p_node, ps)
                 assign_matrix(B_node, B1)
                 if e.step[k] > 0.0:
-                    step_varying(t, w, i, e.step[k], e.shape[k], q, Rs, ps, B1)
+                    step_varying(t, w, i, SubInterval(e.step[k], e.shape[k]), q, site)
             else:
-                along_constant(t, w, i, e.place[k], q, Rs, ps, B1)
+                along_constant(t, w, i, e.place[k], q, site)
             Vk = w.site_vectors[SITE_TWIST]
             assign(V, Vk)
             for j in range(m):
                 for r in range(6):
                     Vk[r] += B1[j, r] * qd[first + j]
-            if by_q + by_v > 0.0:
-                _add_tangent(t, w, i, k, R, p, Rs, ps, B1, Vk, by_q, by_v, secant)
+            if factors.by_q + factors.by_v > 0.0:
+                _add_tangent(t, w, i, k, factors)
             else:
-                energy += _add_force(t, w, i, k, R, p, Rs, ps, B1, Vk, wrench, tau)
+                energy += _add_force(t, w, i, k, wrench, tau)
         for j in range(m):
             for r in range(6):
                 V[r] += w.end_columns[i, j, r] * qd[first + j]
@@ -101,23 +94,15 @@ def _visit(
 
 
 @inner
-def _touch(
-    obstacle: Array,
-    radius: float,
-    R: Array,
-    p: Array,
-    ps: Array,
-    V: Array,
-    x: Array,
-    u: Array,
-    n: Array,
-    c: Array,
-) -> float:
-    """Depth in an obstacle of the round section at ps (in b).
+def _touch(w: Work, obstacle: Array, radius: float) -> float:
+    """Depth in an obstacle of the round section at the place.
 
-    Where it is above 0, n <- the normal (in the world), c <- the point of the section that touches (in b),
-    x, u <- its position and velocity (in the world).
+    Where it is above 0, w.points has NORMAL, in the world, TOUCH, the point of the section that touches, seen
+    from the base of the link, and its POSITION and VELOCITY in the world.
     """
+    R, p, V = w.site_rotation[LINK_BASE], w.site_position[LINK_BASE], w.site_vectors[SITE_TWIST]
+    ps, x, u = w.site_position[SITE], w.points[POSITION], w.points[VELOCITY]
+    n, c = w.points[NORMAL], w.points[TOUCH]
     move_point(R, p, ps, V, x, u)
     depth = radius - gap(obstacle, x, n)
     if depth > 0.0:
@@ -128,22 +113,11 @@ def _touch(
 
 
 @inner
-def _add_force(
-    t: Tables,
-    w: Work,
-    i: int,
-    k: int,
-    R: Array,
-    p: Array,
-    Rs: Array,
-    ps: Array,
-    B1: Array,
-    V: Array,
-    wrench: Array,
-    tau: Array,
-) -> float:
+def _add_force(t: Tables, w: Work, i: int, k: int, wrench: Array, tau: Array) -> float:
     """Force at place k of link i; gives the energy stored in it."""
     e = t.external
+    R, p, V = w.site_rotation[LINK_BASE], w.site_position[LINK_BASE], w.site_vectors[SITE_TWIST]
+    Rs, ps, B1 = w.site_rotation[SITE], w.site_position[SITE], w.site_columns[SITE_COLUMNS]
     f, total = w.site_vectors[SITE_WRENCH], w.site_force[k]
     x, u, n = w.points[POSITION], w.points[VELOCITY], w.points[NORMAL]
     c, F = w.points[TOUCH], w.points[POINT_FORCE]
@@ -152,7 +126,7 @@ def _add_force(
     clear(total)
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            depth = _touch(e.obstacles[o], t.radius[i], R, p, ps, V, x, u, n, c)
+            depth = _touch(w, e.obstacles[o], t.radius[i])
             if depth > 0.0:
                 clear(F)
                 add_force(e.obstacles[o], depth, n, u, F)
@@ -182,42 +156,29 @@ def _add_force(
 
 
 @inner
-def _add_tangent(
-    t: Tables,
-    w: Work,
-    i: int,
-    k: int,
-    R: Array,
-    p: Array,
-    Rs: Array,
-    ps: Array,
-    B1: Array,
-    V: Array,
-    by_q: float,
-    by_v: float,
-    secant: float,
-) -> None:
+def _add_tangent(t: Tables, w: Work, i: int, k: int, factors: TangentFactors) -> None:
     """Tangent at place k of link i."""
     e = t.external
     K = w.site_stiffness
-    x, u, n, c = w.points[POSITION], w.points[VELOCITY], w.points[NORMAL], w.points[TOUCH]
+    u, n = w.points[VELOCITY], w.points[NORMAL]
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            depth = _touch(e.obstacles[o], t.radius[i], R, p, ps, V, x, u, n, c)
+            depth = _touch(w, e.obstacles[o], t.radius[i])
             if depth > 0.0:
                 clear_matrix(K)
-                add_tangent(e.obstacles[o], depth, n, u, by_q, by_v, secant, K)
-                _add_body(t, w, i, R, c, K, B1)
+                add_tangent(e.obstacles[o], depth, n, u, factors, K)
+                _add_body(t, w, i, w.points[TOUCH])
     elif e.kind[k] == HELD:
         clear_matrix(K)
         for r in range(3):
-            K[r, r] = by_q * e.held[3 + r] + by_v * e.held[6 + r]
-        _add_body(t, w, i, R, ps, K, B1)
+            K[r, r] = factors.by_q * e.held[3 + r] + factors.by_v * e.held[6 + r]
+        _add_body(t, w, i, w.site_position[SITE])
 
 
 @inner
-def _add_body(t: Tables, w: Work, i: int, R: Array, c: Array, K: Array, B1: Array) -> None:
-    """Add the matrix K (in the world) at the point c of b to the body of link i."""
+def _add_body(t: Tables, w: Work, i: int, c: Array) -> None:
+    """Add w.site_stiffness (in the world) at the point c of b to the body of link i."""
+    R, K, B1 = w.site_rotation[LINK_BASE], w.site_stiffness, w.site_columns[SITE_COLUMNS]
     unit, h = w.site_vectors[UNIT_TWIST], w.site_vectors[UNIT_WRENCH]
     F, M, N = w.coupling[i], w.mass[i], w.extra[i]
     clear(unit)
@@ -236,38 +197,34 @@ def _add_body(t: Tables, w: Work, i: int, R: Array, c: Array, K: Array, B1: Arra
 
 
 @inner
-def _no_forces(e: External, t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
+def _no_forces(e: External, t: Tables, w: Work, wrench: Array, motion: Motion, tau: Array) -> float:
     return 0.0
 
 
 @inner
-def _forces(e: External, t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
-    return _visit(t, w, wrench, q, qd, 0.0, 0.0, 0.0, tau)
+def _forces(e: External, t: Tables, w: Work, wrench: Array, motion: Motion, tau: Array) -> float:
+    return _visit(t, w, wrench, motion, TangentFactors(0.0, 0.0, 0.0), tau)
 
 
 @inner
-def _no_tangents(
-    e: External, t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float
-) -> None:
+def _no_tangents(e: External, t: Tables, w: Work, q: Array, qd: Array, factors: TangentFactors) -> None:
     return
 
 
 @inner
-def _tangents(
-    e: External, t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float
-) -> None:
+def _tangents(e: External, t: Tables, w: Work, q: Array, qd: Array, factors: TangentFactors) -> None:
     for i in range(w.extra.shape[0]):
         clear_matrix(w.extra[i])
-    if by_q + by_v > 0.0:
-        _visit(t, w, w.zero, q, qd, by_q, by_v, secant, w.zero)
+    if factors.by_q + factors.by_v > 0.0:
+        _visit(t, w, w.zero, Motion(q, qd, qd, w.zero), factors, w.zero)
 
 
 add_external_forces = select_by_type(NoExternal, _no_forces, _forces)
-"""add_external_forces(t.external, t, w, wrench, q, qd, tau), after `sweep` at q: w.own and tau -= what acts
+"""add_external_forces(t.external, t, w, wrench, motion, tau), after `sweep` at q: w.own and tau -= what acts
 from outside; gives the energy stored in it [J].
 
 `wrench`: that at the tip, left to `close_forces`, then one for each place (6 numbers each, in the frame of
 the place). Writes the force at each place, in the world, to w.site_force."""
 add_external_tangents = select_by_type(NoExternal, _no_tangents, _tangents)
-"""add_external_tangents(t.external, t, w, q, qd, by_q, by_v, secant), after `sweep` with bodies: w.mass,
+"""add_external_tangents(t.external, t, w, q, qd, factors), after `sweep` with bodies: w.mass,
 w.coupling += and w.extra <- by_q and by_v times the tangents. `secant`: see `contact.add_tangent`."""

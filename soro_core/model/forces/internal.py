@@ -49,14 +49,16 @@ def internal_rate(t: Tables, qd: Array, z: Array, rate: Array) -> None:
 
 @inner
 def advance_internal(
-    t: Tables, z0: Array, v0: Array, v1: Array, dt: float, z1: Array, tangent: Array
+    t: Tables, z0: Array, speeds: tuple[Array, Array], dt: float, z1: Array, tangent: Array
 ) -> None:
-    """z1 <- states after dt with the velocity running linearly from v0 to v1; tangent <- d(force)/d(v1) a
-    state.
+    """z1 <- states after dt with the velocity running linearly between two speeds.
+
+    tangent <- d(force)/d(second speed) of each state.
 
     Exact for this velocity at any stiffness: creep by its exponential, hysteresis along the path
     travelled, in two pieces where the velocity changes sign.
     """
+    v0, v1 = speeds
     for j in range(z0.shape[0]):
         a, b = v0[t.internal_coordinate[j]], v1[t.internal_coordinate[j]]
         scale = t.internal_scale[j]

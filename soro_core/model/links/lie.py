@@ -118,7 +118,7 @@ def add_ad(V: Array, x: Array, factor: float, out: Array) -> None:
     l0 = V[4] * x[2] - V[5] * x[1] + V[1] * x[5] - V[2] * x[4]
     l1 = V[5] * x[0] - V[3] * x[2] + V[2] * x[3] - V[0] * x[5]
     l2 = V[3] * x[1] - V[4] * x[0] + V[0] * x[4] - V[1] * x[3]
-    add(a0, a1, a2, l0, l1, l2, factor, out)
+    add((a0, a1, a2, l0, l1, l2), factor, out)
 
 
 @inner
@@ -142,12 +142,13 @@ def add_coad(V: Array, h: Array, factor: float, out: Array) -> None:
     f0 = V[2] * h[4] - V[1] * h[5]
     f1 = V[0] * h[5] - V[2] * h[3]
     f2 = V[1] * h[3] - V[0] * h[4]
-    add(n0, n1, n2, f0, f1, f2, factor, out)
+    add((n0, n1, n2, f0, f1, f2), factor, out)
 
 
 @inner
-def add(x0: float, x1: float, x2: float, x3: float, x4: float, x5: float, factor: float, out: Array) -> None:
-    """out += factor * (x0 ... x5)."""
+def add(x: tuple[float, float, float, float, float, float], factor: float, out: Array) -> None:
+    """out += factor * x, six numbers."""
+    x0, x1, x2, x3, x4, x5 = x
     y0, y1, y2 = out[0] + factor * x0, out[1] + factor * x1, out[2] + factor * x2
     y3, y4, y5 = out[3] + factor * x3, out[4] + factor * x4, out[5] + factor * x5
     out[0], out[1], out[2], out[3], out[4], out[5] = y0, y1, y2, y3, y4, y5

@@ -11,6 +11,7 @@ from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.model.links.lie import ad, add_ad
 from soro_core.model.tables import Tables
+from soro_core.model.work import STRAIN, STRAIN_RATE, Work
 
 
 @inner
@@ -35,10 +36,11 @@ def ad_powers(t: Tables, i: int, xi: Array, powers: Array) -> None:
 
 
 @inner
-def chain_powers(
-    m: int, xi: Array, xi_rate: Array, v: Array, first: int, powers: Array, chain: Array
-) -> None:
-    """chain[0, n] <- ad_xi^n B v, chain[1, n] <- its rate along the strain rate; shape (2, 5, 6)."""
+def chain_powers(t: Tables, w: Work, i: int, v: Array) -> None:
+    """w.chain[0, n] <- ad_xi^n B v of link i, w.chain[1, n] <- its rate along the strain rate."""
+    xi, xi_rate, powers, chain = w.vectors[STRAIN], w.vectors[STRAIN_RATE], w.powers, w.chain
+    first = t.offset[i]
+    m = t.offset[i + 1] - first
     for n in range(5):
         for r in range(6):
             x = 0.0

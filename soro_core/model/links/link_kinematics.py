@@ -8,25 +8,27 @@ from soro_core.model.links.lie import exponential, stumpff, tangent_coefficients
 from soro_core.model.links.linear import clear, clear_matrix
 from soro_core.model.links.link import ad_powers, columns_at, strain_twist
 from soro_core.model.links.magnus import magnus_step
+from soro_core.model.records import CrossSection, Motion, SubInterval
 from soro_core.model.tables import Tables
-from soro_core.model.work import COLUMN_RATE, STRAIN, Work
+from soro_core.model.work import STRAIN, Work
 
 
 @inner
-def along_constant(t: Tables, w: Work, i: int, s: float, q: Array, R: Array, p: Array, B1: Array) -> None:
-    """R, p, B1 <- those `s` metres along link i, of constant strain."""
+def along_constant(t: Tables, w: Work, i: int, s: float, q: Array, at: CrossSection) -> None:
+    """at <- the section `s` metres along link i, of constant strain."""
     xi, c, a = w.vectors[STRAIN], w.stumpff, w.tangent
     strain_twist(t, i, q, xi)
     ad_powers(t, i, xi, w.powers)
     stumpff((xi[0] * xi[0] + xi[1] * xi[1] + xi[2] * xi[2]) * s * s, c)
     tangent_coefficients(c, a)
-    columns_at(t.offset[i + 1] - t.offset[i], s, a, w.powers, B1)
-    exponential(xi, s, c, R, p)
+    columns_at(t.offset[i + 1] - t.offset[i], s, a, w.powers, at.columns)
+    exponential(xi, s, c, at.R, at.p)
 
 
 @inner
-def begin_varying(R: Array, p: Array, B1: Array) -> None:
-    """R, p, B1 <- those at the base of a link."""
+def begin_varying(at: CrossSection) -> None:
+    """at <- the base of a link."""
+    R, p, B1 = at
     clear_matrix(B1)
     clear_matrix(R)
     clear(p)
@@ -34,17 +36,12 @@ def begin_varying(R: Array, p: Array, B1: Array) -> None:
 
 
 @inner
-def along_varying(
-    t: Tables, w: Work, i: int, begin: int, end: int, q: Array, R: Array, p: Array, B1: Array
-) -> None:
-    """Advance R, p, B1 over sub-intervals of link i, of varying strain."""
-    for k in range(begin, end):
-        step_varying(t, w, i, t.fraction[k] * t.length[i], t.shape[k], q, R, p, B1)
+def whole_step(t: Tables, i: int, k: int) -> SubInterval:
+    """Return sub-interval k of link i."""
+    return SubInterval(t.fraction[k] * t.length[i], t.shape[k])
 
 
 @inner
-def step_varying(
-    t: Tables, w: Work, i: int, h: float, shape: Array, q: Array, R: Array, p: Array, B1: Array
-) -> None:
-    """Advance R, p, B1 over h metres with the given shape functions (n_q, 2)."""
-    magnus_step(t, w, i, h, shape, q, w.zero, w.zero, R, p, B1, w.vectors[COLUMN_RATE])
+def step_varying(t: Tables, w: Work, i: int, step: SubInterval, q: Array, at: CrossSection) -> None:
+    """Advance a section of link i, of varying strain, over a sub-interval."""
+    magnus_step(t, w, i, step, Motion(q, w.zero, w.zero, w.zero), at)

@@ -15,8 +15,10 @@ from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.model.links.lie import add_ad, compose, exponential, stumpff, tangent_coefficients, to_parent
 from soro_core.model.links.linear import clear
+from soro_core.model.records import CrossSection, Motion, SubInterval
 from soro_core.model.tables import Tables
 from soro_core.model.work import (
+    COLUMN_RATE,
     EXPONENT,
     EXPONENT_BY_V,
     EXPONENT_BY_V_RATE,
@@ -62,21 +64,12 @@ def _tangent(X: Array, omega: Array, a: Array, powers: Array, out: Array) -> Non
 
 
 @inner
-def magnus_step(
-    t: Tables,
-    w: Work,
-    i: int,
-    h: float,
-    shape: Array,
-    q: Array,
-    qd: Array,
-    v: Array,
-    R: Array,
-    p: Array,
-    B1: Array,
-    rate: Array,
-) -> None:
-    """Advance pose (R, p), columns B1 (m, 6) and `rate` = d/dt(B1) v over a sub-interval of length h."""
+def magnus_step(t: Tables, w: Work, i: int, step: SubInterval, motion: Motion, at: CrossSection) -> None:
+    """Advance pose and columns B1 (m, 6) of a section, and w.vectors[COLUMN_RATE] = d/dt(B1) v."""
+    h, shape = step
+    q, qd, v, _ = motion
+    R, p, B1 = at
+    rate = w.vectors[COLUMN_RATE]
     xi1, xi2, xd1, xd2 = w.vectors[STRAIN_1], w.vectors[STRAIN_2], w.vectors[RATE_1], w.vectors[RATE_2]
     eta1, eta2 = w.vectors[REFERENCE_1], w.vectors[REFERENCE_2]
     omega, omega_rate = w.vectors[EXPONENT], w.vectors[EXPONENT_RATE]
@@ -133,17 +126,18 @@ def magnus_step(
     for r in range(6):
         rate[r] += X[r]
     add_ad(twist, Y, 1.0, rate)
-    _add_columns(t, w, i, h, k, shape, R, p, B1)
+    _add_columns(t, w, i, step, at)
     R1, p1 = w.frame_rotation[STEP], w.frame_position[STEP]
     exponential(omega, 1.0, c, R1, p1)
     compose(R, p, R1, p1)
 
 
 @inner
-def _add_columns(
-    t: Tables, w: Work, i: int, h: float, k: float, shape: Array, R: Array, p: Array, B1: Array
-) -> None:
+def _add_columns(t: Tables, w: Work, i: int, step: SubInterval, at: CrossSection) -> None:
     """B1 += Ad_g T dOmega/dq, strain by strain; neighbours of one strain share X_1 and X_2."""
+    h, shape = step
+    R, p, B1 = at
+    k = _COMMUTATOR * h * h
     xi1, xi2, omega = w.vectors[STRAIN_1], w.vectors[STRAIN_2], w.vectors[EXPONENT]
     X, Y1, Y2, a = w.vectors[SUMMAND], w.vectors[SHAPED_1], w.vectors[SHAPED_2], w.tangent
     first = t.offset[i]

@@ -7,6 +7,8 @@ Jacobian and has the sign of dU_g/dq.
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 
 from soro_core._jit import inner
@@ -19,7 +21,42 @@ from soro_core.model.links.linear import (
     clear_matrix,
 )
 from soro_core.model.links.magnus import strain_at
+from soro_core.model.records import CrossSection, Masses, SubInterval
 from soro_core.model.tables import Tables
+
+
+class MdeTerms(NamedTuple):
+    """M, C (n_q, n_q), G (n_q,) and the body Jacobian of the tip, transposed (n_q, 6)."""
+
+    M: Array
+    C: Array
+    G: Array
+    J: Array
+
+
+class MdePass(NamedTuple):
+    """State along the backbone: pose, columns B1, B2 and body columns J, Jdot, one a row; twist V; terms."""
+
+    R: Array
+    p: Array
+    B1: Array
+    B2: Array
+    J: Array
+    Jd: Array
+    V: Array
+    work: Array
+    """Scratch, (3, 6)."""
+    M: Array
+    C: Array
+    G: Array
+
+
+class MdeSlice(NamedTuple):
+    """Mass of a slice [kg], its squared gyration radius about a diameter [m^2], and gravity (3,)."""
+
+    dm: float
+    k2: float
+    gravity: Array
 
 
 @inner
@@ -35,10 +72,9 @@ def frame_rates(xi: Array, R: Array, R_rate: Array, p_rate: Array) -> None:
 
 
 @inner
-def body_columns(
-    n: int, qd: Array, R: Array, p: Array, B1: Array, B2: Array, J: Array, Jd: Array, V: Array
-) -> None:
-    """J = Ad_g^-1 B1, V = J qd, Jdot = -ad_V J + Ad_g^-1 B2 for the first n coordinates."""
+def body_columns(n: int, qd: Array, R: Array, p: Array, y: MdePass) -> None:
+    """J = Ad_g^-1 B1, V = J qd, Jdot = -ad_V J + Ad_g^-1 B2 for the first n coordinates; g = (R, p)."""
+    B1, B2, J, Jd, V = y.B1, y.B2, y.J, y.Jd, y.V
     clear(V)
     for b in range(n):
         for r in range(6):
@@ -53,22 +89,11 @@ def body_columns(
 
 
 @inner
-def _accumulate(
-    n: int,
-    dm: float,
-    k2: float,
-    gravity: Array,
-    R: Array,
-    J: Array,
-    Jd: Array,
-    V: Array,
-    work: Array,
-    M: Array,
-    C: Array,
-    G: Array,
-) -> None:
+def _accumulate(n: int, of: MdeSlice, R: Array, y: MdePass) -> None:
     """M, C, G += those of a slice of mass dm: J' Mcal J, J' (Mcal Jdot + C_V J), -J_v' Phi' gamma dm."""
-    momentum, force, column = work[0], work[1], work[2]
+    dm, k2, gravity = of
+    J, Jd, V, M, C, G = y.J, y.Jd, y.V, y.M, y.C, y.G
+    momentum, force, column = y.work[0], y.work[1], y.work[2]
     for b in range(n):
         # Mcal (Jdot + ad_V J) - ad_V' Mcal J = Mcal Jdot + C_V J
         for r in range(6):
@@ -90,38 +115,32 @@ def _accumulate(
 
 
 @inner
-def terms(
-    t: Tables,
-    mass: Array,
-    tip_mass: float,
-    gravity: Array,
-    q: Array,
-    qd: Array,
-    M: Array,
-    C: Array,
-    G: Array,
-    J: Array,
-) -> None:
-    """M, C (n_q, n_q), G (n_q,) and the body Jacobian of the tip, transposed (n_q, 6)."""
-    n_q = q.shape[0]
-    R, p = np.empty((3, 3)), np.empty(3)
-    assign_matrix(t.base_rotation, R)
-    assign(t.base_position, p)
+def begin_pass(t: Tables, at: CrossSection, M: Array, C: Array, G: Array) -> MdePass:
+    """Return the state at the base; pose and Jacobian are those of `at`."""
+    n_q = t.basis.shape[0]
+    assign_matrix(t.base_rotation, at.R)
+    assign(t.base_position, at.p)
     B1, B2, Jd = np.zeros((n_q, 6)), np.zeros((n_q, 6)), np.zeros((n_q, 6))
-    V, work = np.empty(6), np.zeros((3, 6))
-    clear_matrix(M)
-    clear_matrix(C)
-    clear(G)
-    clear_matrix(J)
+    return MdePass(at.R, at.p, B1, B2, at.columns, Jd, np.empty(6), np.zeros((3, 6)), M, C, G)
+
+
+@inner
+def terms(t: Tables, masses: Masses, q: Array, qd: Array, out: MdeTerms) -> None:
+    """Fill `out` at coordinates and rates (n_q,)."""
+    n_q = q.shape[0]
+    clear_matrix(out.M)
+    clear_matrix(out.C)
+    clear(out.G)
+    clear_matrix(out.J)
+    y = begin_pass(t, CrossSection(np.empty((3, 3)), np.empty(3), out.J), out.M, out.C, out.G)
     for i in range(t.length.shape[0]):
         h = t.length[i] / t.steps
-        dm = mass[i] / t.steps
-        k2 = 0.25 * t.radius[i] * t.radius[i]
+        of = MdeSlice(masses.link[i] / t.steps, 0.25 * t.radius[i] * t.radius[i], masses.gravity)
         for k in range(t.steps):
-            ralston(t, i, t.shape[k], h, dm, k2, gravity, q, qd, R, p, B1, B2, J, Jd, V, work, M, C, G)
-    body_columns(n_q, qd, R, p, B1, B2, J, Jd, V)
-    if tip_mass > 0.0:
-        _accumulate(n_q, tip_mass, 0.0, gravity, R, J, Jd, V, work, M, C, G)
+            ralston(t, i, SubInterval(h, t.shape[k]), of, (q, qd), y)
+    body_columns(n_q, qd, y.R, y.p, y)
+    if masses.tip > 0.0:
+        _accumulate(n_q, MdeSlice(masses.tip, 0.0, masses.gravity), y.R, y)
 
 
 @inner
@@ -134,28 +153,12 @@ def strain(t: Tables, i: int, shape: Array, point: int, q: Array, xi: Array) -> 
 
 @inner
 def ralston(
-    t: Tables,
-    i: int,
-    shape: Array,
-    h: float,
-    dm: float,
-    k2: float,
-    gravity: Array,
-    q: Array,
-    qd: Array,
-    R: Array,
-    p: Array,
-    B1: Array,
-    B2: Array,
-    J: Array,
-    Jd: Array,
-    V: Array,
-    work: Array,
-    M: Array,
-    C: Array,
-    G: Array,
+    t: Tables, i: int, step: SubInterval, of: MdeSlice, motion: tuple[Array, Array], y: MdePass
 ) -> None:
-    """One step: y + h (k(s, y) + 3 k(s + 2h/3, y + 2h/3 k)) / 4."""
+    """One step along link i: y + h (k(s, y) + 3 k(s + 2h/3, y + 2h/3 k)) / 4; `motion` is (q, qd)."""
+    h, shape = step
+    q, qd = motion
+    R, p, B1, B2, V = y.R, y.p, y.B1, y.B2, y.V
     n = t.offset[i + 1]
     first = t.offset[i]
     R1, p1, R_mid, p_mid = np.empty((3, 3)), np.empty(3), np.empty((3, 3)), np.empty(3)
@@ -166,8 +169,8 @@ def ralston(
         if stage == 0:
             assign_matrix(R, R_mid)
             assign(p, p_mid)
-        body_columns(n, qd, R_mid, p_mid, B1, B2, J, Jd, V)
-        _accumulate(n, weight * dm, k2, gravity, R_mid, J, Jd, V, work, M, C, G)
+        body_columns(n, qd, R_mid, p_mid, y)
+        _accumulate(n, MdeSlice(weight * of.dm, of.k2, of.gravity), R_mid, y)
         strain(t, i, shape, stage, q, xi)
         frame_rates(xi, R_mid, R1, p1)
         # Only the columns of this link change along it: B1' = Ad_g B, B2' = Ad_g ad_V B.

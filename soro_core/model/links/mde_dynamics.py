@@ -8,8 +8,18 @@ from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.model.links.lie import dot6
 from soro_core.model.links.linear import assign, assign_matrix, cholesky_solve, lu_factor, lu_solve
-from soro_core.model.links.mde import body_columns, frame_rates, ralston, strain, terms
+from soro_core.model.links.mde import (
+    MdeSlice,
+    MdeTerms,
+    begin_pass,
+    body_columns,
+    frame_rates,
+    ralston,
+    strain,
+    terms,
+)
 from soro_core.model.links.sweep import NO
+from soro_core.model.records import CrossSection, Masses, Motion, SubInterval, TangentFactors
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import Work
 
@@ -17,78 +27,66 @@ from soro_core.model.work import Work
 @inner
 def inertia(t: Tables, w: Work, mass: Array, tip_mass: float, q: Array, M: Array) -> None:
     """M <- inertia matrix (n_q, n_q)."""
-    terms(t, mass, tip_mass, t.gravity, q, w.zero, M, w.mde_coriolis, w.bias, w.columns)
+    out = MdeTerms(M, w.mde_coriolis, w.bias, w.columns)
+    terms(t, Masses(mass, tip_mass, t.gravity), q, w.zero, out)
 
 
 @inner
-def inertial_force(
-    t: Tables,
-    w: Work,
-    mass: Array,
-    tip_mass: float,
-    gravity: Array,
-    none: Array,
-    q: Array,
-    qd: Array,
-    v: Array,
-    a: Array,
-    tau: Array,
-) -> None:
+def inertial_force(t: Tables, w: Work, masses: Masses, none: Array, motion: Motion, tau: Array) -> None:
     """tau <- M(q) a + C(q, qd) v + G(q); `none` (6,) is not needed here."""
-    M, C, J = w.mde_inertia, w.mde_coriolis, w.columns
-    terms(t, mass, tip_mass, gravity, q, qd, M, C, tau, J)
+    M, C = w.mde_inertia, w.mde_coriolis
+    q, qd, v, a = motion
+    terms(t, masses, q, qd, MdeTerms(M, C, tau, w.columns))
     for b in range(q.shape[0]):
         for d in range(q.shape[0]):
             tau[b] += M[b, d] * a[d] + C[b, d] * v[d]
 
 
 @inner
-def motion_force(
-    t: Tables, w: Work, none: Array, tip_mass: float, q: Array, qd: Array, a: Array, tau: Array
-) -> None:
+def motion_force(t: Tables, w: Work, none: Array, tip_mass: float, motion: Motion, tau: Array) -> None:
     """tau <- M a + C qd + G with this mass at the tip; `none` (6,) is zero."""
-    inertial_force(t, w, t.mass, tip_mass, t.gravity, none, q, qd, qd, a, tau)
+    inertial_force(t, w, Masses(t.mass, tip_mass, t.gravity), none, motion, tau)
 
 
 @inner
 def tip_mass_force(t: Tables, w: Work, q: Array, qd: Array, a: Array, tau: Array) -> None:
     """tau <- force per kg at the tip."""
-    inertial_force(t, w, np.zeros(t.mass.shape[0]), 1.0, t.gravity, w.zero, q, qd, qd, a, tau)
+    masses = Masses(np.zeros(t.mass.shape[0]), 1.0, t.gravity)
+    inertial_force(t, w, masses, w.zero, Motion(q, qd, qd, a), tau)
 
 
 @inner
-def inverse_dynamics(
-    t: Tables, w: Work, wrench: Array, q: Array, qd: Array, a: Array, bodies: float, tau: Array
-) -> None:
+def inverse_dynamics(t: Tables, w: Work, wrench: Array, motion: Motion, bodies: float, tau: Array) -> None:
     """tau <- M a + C qd + G - J_tip' wrench; what `factor_system` needs is left in any case."""
-    inertial_force(t, w, t.mass, t.tip_mass[0], t.gravity, wrench, q, qd, qd, a, tau)
-    for b in range(q.shape[0]):
+    inertial_force(t, w, Masses(t.mass, t.tip_mass[0], t.gravity), wrench, motion, tau)
+    for b in range(tau.shape[0]):
         tau[b] -= dot6(w.columns[b], wrench)
 
 
 @inner
 def external_force(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, tau: Array) -> float:
     """tau <- J_tip' wrench: all that can act from outside here, which stores no energy."""
-    terms(t, t.mass, t.tip_mass[0], t.gravity, q, w.zero, w.mde_inertia, w.mde_coriolis, tau, w.columns)
+    masses = Masses(t.mass, t.tip_mass[0], t.gravity)
+    terms(t, masses, q, w.zero, MdeTerms(w.mde_inertia, w.mde_coriolis, tau, w.columns))
     for b in range(q.shape[0]):
         tau[b] = dot6(w.columns[b], wrench)
     return 0.0
 
 
 @inner
-def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, force: Array, qdd: Array) -> bool:
-    """qdd <- M^-1 (force + J_tip' wrench - C qd - G); False if M is not positive definite."""
-    inverse_dynamics(t, w, wrench, q, qd, w.zero, NO, w.bias)
+def acceleration(t: Tables, w: Work, wrench: Array, q: Array, qd: Array, qdd: Array) -> bool:
+    """qdd <- M^-1 (w.applied + J_tip' wrench - C qd - G); False if M is not positive definite."""
+    inverse_dynamics(t, w, wrench, Motion(q, qd, qd, w.zero), NO, w.bias)
     for b in range(q.shape[0]):
-        qdd[b] = force[b] - w.bias[b]
+        qdd[b] = w.applied[b] - w.bias[b]
     return cholesky_solve(w.mde_inertia, qdd)
 
 
 @inner
-def factor_system(t: Tables, w: Work, q: Array, qd: Array, by_q: float, by_v: float, secant: float) -> bool:
+def factor_system(t: Tables, w: Work, q: Array, qd: Array, factors: TangentFactors) -> bool:
     """Factor M(q) + w.block for `solve`, after `inverse_dynamics` at q; False if it is singular.
 
-    The last five arguments are for contact, which this method does not have.
+    The last three arguments are for contact, which this method does not have.
     """
     A = w.mde_system
     assign_matrix(w.mde_inertia, A)
@@ -107,23 +105,18 @@ def solve(t: Tables, w: Work, x: Array) -> None:
 
 
 @inner
-def kinematics(t: Tables, w: Work, site: Site, q: Array, R: Array, p: Array, J: Array) -> None:
-    """Pose and body Jacobian, transposed (n_q, 6), at a place, with a shorter last step where needed."""
-    n_q = q.shape[0]
-    assign_matrix(t.base_rotation, R)
-    assign(t.base_position, p)
-    B1, B2, Jd = np.zeros((n_q, 6)), np.zeros((n_q, 6)), np.zeros((n_q, 6))
-    V, work = np.empty(6), np.zeros((3, 6))
-    M, C, G, qd = w.mde_inertia, w.mde_coriolis, w.bias, w.zero
-    g = t.gravity
+def kinematics(t: Tables, w: Work, site: Site, q: Array, at: CrossSection) -> None:
+    """at <- pose and body Jacobian, transposed (n_q, 6), at a place; the last step may be shorter."""
+    qd, massless = w.zero, MdeSlice(0.0, 0.0, t.gravity)
+    y = begin_pass(t, at, w.mde_inertia, w.mde_coriolis, w.bias)
     for i in range(site.link + 1):
         last = i == site.link
         h = t.length[i] / t.steps
         for k in range(site.whole if last else t.steps):
-            ralston(t, i, t.shape[k], h, 0.0, 0.0, g, q, qd, R, p, B1, B2, J, Jd, V, work, M, C, G)
+            ralston(t, i, SubInterval(h, t.shape[k]), massless, (q, qd), y)
         if last and site.step > 0.0:
-            ralston(t, i, site.shape, site.step, 0.0, 0.0, g, q, qd, R, p, B1, B2, J, Jd, V, work, M, C, G)
-    body_columns(n_q, qd, R, p, B1, B2, J, Jd, V)
+            ralston(t, i, SubInterval(site.step, site.shape), massless, (q, qd), y)
+    body_columns(q.shape[0], qd, y.R, y.p, y)
 
 
 @inner

@@ -29,6 +29,7 @@ from soro_core.model.links.link import (
     strain_twist,
 )
 from soro_core.model.links.magnus import magnus_step
+from soro_core.model.records import Asked, CrossSection, Masses, Motion, SubInterval
 from soro_core.model.tables import Tables
 from soro_core.model.work import (
     BASE_ACCELERATION,
@@ -81,26 +82,15 @@ def move(m: int, B1: Array, x: Array, first: int, V: Array, Vk: Array) -> None:
 
 
 @inner
-def sweep(
-    t: Tables,
-    w: Work,
-    mass: Array,
-    tip_mass: float,
-    gravity: Array,
-    q: Array,
-    qd: Array,
-    v: Array,
-    a: Array,
-    bodies: float,
-    forces: float,
-    tau: Array,
-) -> None:
+def sweep(t: Tables, w: Work, masses: Masses, motion: Motion, asked: Asked, tau: Array) -> None:
     """Fill `w` with the end of each link and, as asked, its inertia (`bodies` above 0) and its forces.
 
     tau <- what each link's own mass needs of its coordinates, w.own <- the wrench about its base, for the
     motion (q, qd), reference velocity v and acceleration a: C is that of docs/model.md (13), so that Mdot -
     2C is skew. `forces` selects the motion: FREE has v = qd and a = 0, DRIVEN has v = qd, REFERENCE all.
     """
+    q, qd, v, a = motion
+    bodies, forces = asked
     V, A = w.vectors[BASE_TWIST], w.vectors[BASE_ACCELERATION]
     Vk, Ak = w.vectors[NODE_TWIST], w.vectors[NODE_ACCELERATION]
     apart = forces > DRIVEN
@@ -112,7 +102,7 @@ def sweep(
     B1, powers, chain = w.node, w.powers, w.chain
     c, co = w.stumpff, w.tangent
     R, p = w.frame_rotation[NODE], w.frame_position[NODE]
-    start(t, gravity, V, W, A)
+    start(t, masses.gravity, V, W, A)
     clear(tau)
     for i in range(t.length.shape[0]):
         first = t.offset[i]
@@ -135,17 +125,17 @@ def sweep(
                     for r in range(6):
                         xi_rate[r] += t.basis[first + j, r] * qd[first + j]
                 z_rate = 2.0 * (xi[0] * xi_rate[0] + xi[1] * xi_rate[1] + xi[2] * xi_rate[2])
-                chain_powers(m, xi, xi_rate, v, first, powers, chain)
+                chain_powers(t, w, i, v)
         clear(own)
         if bodies > 0.0:
             clear_matrix(F)
             clear_matrix(M)
             clear_matrix(N)
         for k in range(t.fraction.shape[0]):
-            s, dm, k2 = node(t, i, k, mass, tip_mass)
+            s, dm, k2 = node(t, i, k, masses.link, masses.tip)
             if t.varying[i]:
-                step = t.fraction[k] * t.length[i]
-                magnus_step(t, w, i, step, t.shape[k], q, qd, v, R, p, B1, rate)
+                step = SubInterval(t.fraction[k] * t.length[i], t.shape[k])
+                magnus_step(t, w, i, step, motion, CrossSection(R, p, B1))
             else:
                 stumpff(z * s * s, c)
                 tangent_coefficients(c, co)
@@ -162,14 +152,14 @@ def sweep(
                     move(m, B1, a, first, A, Ak)
                 else:
                     assign(A, Ak)
-                add(rate[0], rate[1], rate[2], rate[3], rate[4], rate[5], 1.0, Ak)
+                add((rate[0], rate[1], rate[2], rate[3], rate[4], rate[5]), 1.0, Ak)
                 # f = N (A + ad_Vb W) - ad_V' N W
                 momentum(dm, k2, R, p, Wk, h)
                 assign(Ak, twist)
                 add_ad(V, Wk, 1.0, twist)
                 momentum(dm, k2, R, p, twist, f)
                 add_coad(Vk, h, -1.0, f)
-                add(f[0], f[1], f[2], f[3], f[4], f[5], 1.0, own)
+                add((f[0], f[1], f[2], f[3], f[4], f[5]), 1.0, own)
                 for j in range(m):
                     tau[first + j] += dot6(B1[j], f)
             if bodies > 0.0:

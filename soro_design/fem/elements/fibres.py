@@ -72,20 +72,20 @@ def fibres(pieces: Integers, stiffness_n: ArrayLike = 0.0, tension_n: ArrayLike 
 
 @kernel
 def add_fibres(
-    pieces: Integers,
-    stiffness: Array,
-    tension: Array,
-    X: Array,
-    x: Array,
-    position: Integers,
+    fibres: tuple[Integers, Array, Array],
+    places: tuple[Array, Array],
     force: Array,
-    data: Array,
+    into: tuple[Integers, Array],
 ) -> float:
     """Add the forces of pieces to `force` (n, d) and their stiffness to `data` unless empty.
 
-    Return their strain energy [J]. X and x (n, d) are undeformed and deformed places; position (m, 2 d, 2 d)
-    says where in `data` the stiffness of a piece goes.
+    Return their strain energy [J]. `fibres` has pieces, stiffness and tension; `places` X and x (n, d),
+    undeformed and deformed; `into`: position (m, 2 d, 2 d) says where in `data` the stiffness of a piece
+    goes.
     """
+    pieces, stiffness, tension = fibres
+    X, x = places
+    position, data = into
     d = X.shape[1]
     along = np.empty(d)
     energy = 0.0

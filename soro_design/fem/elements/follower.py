@@ -40,20 +40,18 @@ def _normal_by(tangent: Array, slope: Array, k: int, change: Array) -> None:
 def add_pressure(
     pressure: float,
     is_revolved: bool,
-    faces: Integers,
-    shape: Array,
-    slope: Array,
-    weight: Array,
-    position: Integers,
+    on: tuple[Integers, Array, Array, Array],
     x: Array,
     force: Array,
-    data: Array,
+    into: tuple[Integers, Array],
 ) -> None:
     """Subtract the forces of a pressure from `force` (n, d) and add their stiffness to `data` unless empty.
 
-    shape (g, m), slope (g, m, d - 1) and weight (g,) are those of the face, x (n, d) deformed places;
-    position (f, m d, m d) says where in `data` the stiffness of a face goes.
+    `on` has the faces, and shape (g, m), slope (g, m, d - 1) and weight (g,) of one; x (n, d) are deformed
+    places; `into`: position (f, m d, m d) says where in `data` the stiffness of a face goes.
     """
+    faces, shape, slope, weight = on
+    position, data = into
     d, m = x.shape[1], faces.shape[1]
     tangent, normal, change = np.empty((3, 2)), np.empty(d), np.empty(d)
     with_stiffness = data.shape[0] > 0

@@ -56,8 +56,9 @@ def _products(F: Array, C: Array, b: Array, D: Array) -> None:
 
 
 @inner
-def _venant(law: Array, F: Array, C: Array, b: Array, D: Array, P: Array, A: Array) -> float:
+def _venant(law: Array, F: Array, products: Array, P: Array, A: Array) -> float:
     """St. Venant-Kirchhoff, (3): P = F S, S = lambda tr(E) 1 + 2 mu E, E = (C - 1) / 2."""
+    C, b, D = products[0], products[1], products[2]
     lam, mu = law[LAMBDA], law[MU]
     trace = 0.5 * (C[0, 0] + C[1, 1] + C[2, 2] - 3.0)
     energy: float = 0.5 * lam * trace * trace
@@ -80,15 +81,17 @@ def _venant(law: Array, F: Array, C: Array, b: Array, D: Array, P: Array, A: Arr
 
 
 @inner
-def respond(law: Array, bulk: float, F: Array, H: Array, work: Array, P: Array, A: Array) -> float:
+def respond(law: Array, bulk: float, at: tuple[Array, Array], work: Array, P: Array, A: Array) -> float:
     """P, A <- stress and tangent; return the energy per reference volume. `work` is (3, 3, 3).
 
-    H and J > 0 come from `cofactor`; `bulk` replaces that of the law where the element averages the volume.
+    `at` has F and H; H and J > 0 come from `cofactor`; `bulk` replaces that of the law where the element
+    averages the volume.
     """
+    F, H = at
     C, b, D = work[0], work[1], work[2]
     _products(F, C, b, D)
     if law[KIND] == SVK:
-        return _venant(law, F, C, b, D, P, A)
+        return _venant(law, F, work, P, A)
     J = F[0, 0] * H[0, 0] + F[0, 1] * H[0, 1] + F[0, 2] * H[0, 2]
     I1 = C[0, 0] + C[1, 1] + C[2, 2]
     I2 = 0.5 * I1 * I1
@@ -137,4 +140,4 @@ def response(law: Array, F: Array, P: Array, A: Array) -> float:
     """P (3, 3), A (9, 9) <- stress [Pa] and tangent [Pa] at F (3, 3), J > 0; return the energy [J/m3]."""
     H, work = np.empty((3, 3)), np.empty((3, 3, 3))
     cofactor(F, H)
-    return respond(law, law[BULK], F, H, work, P, A)
+    return respond(law, law[BULK], (F, H), work, P, A)

@@ -17,6 +17,21 @@ from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.response import BULK, add_volume_curvature, cofactor, respond
 
 
+class ElementLaw(NamedTuple):
+    """Numbers of a material, and whether an element has one volume ratio, the mean of J."""
+
+    law: Array
+    is_averaged: bool
+
+
+class ElementShape(NamedTuple):
+    """What `tables` gives of one element."""
+
+    slope: Array
+    hoop: Array
+    volume: Array
+
+
 class ElementWork(NamedTuple):
     """Room for the numbers of one element at a time."""
 
@@ -27,6 +42,9 @@ class ElementWork(NamedTuple):
     products: Array
     column: Array
     by_volume: Array
+    force: Array
+    """Of an element of `size` displacements, (size,), and the lower half of its stiffness, (size, size)."""
+    stiffness: Array
 
 
 def tables(mesh: Mesh, cells: Integers) -> tuple[Array, Array, Array]:
@@ -71,6 +89,8 @@ def make_work(size: int) -> ElementWork:
         np.empty((3, 3, 3)),
         np.empty(9),
         np.empty(size),
+        np.empty(size),
+        np.empty((size, size)),
     )
 
 
@@ -136,22 +156,13 @@ def add_stiffness(A: Array, slope: Array, hoop: Array, volume: float, column: Ar
 
 @inner
 def respond_element(
-    law: Array,
-    is_averaged: bool,
-    slope: Array,
-    hoop: Array,
-    volume: Array,
-    u: Array,
-    with_stiffness: bool,
-    work: ElementWork,
-    f: Array,
-    K: Array,
+    of: ElementLaw, shape: ElementShape, u: Array, with_stiffness: bool, work: ElementWork
 ) -> float:
-    """f, K <- forces (a d,) and lower half of the stiffness of an element; return its energy, NaN if J <= 0.
-
-    With `is_averaged` the element has one volume ratio, the mean of J.
-    """
+    """work.force, .stiffness <- those of an element at u (a, d); return its energy, NaN if J <= 0."""
+    law, is_averaged = of
+    slope, hoop, volume = shape
     F, H, P, A, by_volume = work.F, work.H, work.P, work.A, work.by_volume
+    f, K = work.force, work.stiffness
     f[:] = 0.0
     K[:] = 0.0
     by_volume[:] = 0.0
@@ -173,7 +184,7 @@ def respond_element(
     for g in range(volume.shape[0]):
         fill_gradient(u, slope[g], hoop[g], F)
         cofactor(F, H)
-        energy += volume[g] * respond(law, bulk, F, H, work.products, P, A)
+        energy += volume[g] * respond(law, bulk, (F, H), work.products, P, A)
         if is_averaged:
             for i in range(3):
                 for j in range(3):
@@ -192,32 +203,31 @@ def respond_element(
 
 @kernel
 def assemble(
-    law: Array,
-    is_averaged: bool,
+    law: tuple[Array, bool],
     cells: Integers,
-    slope: Array,
-    hoop: Array,
-    volume: Array,
-    position: Integers,
+    shapes: tuple[Array, Array, Array],
     u: Array,
     force: Array,
-    data: Array,
+    into: tuple[Integers, Array],
 ) -> tuple[float, int]:
     """Add forces (n, d) and, unless `data` is empty, stiffnesses; return the energy, and -1 or a bad element.
 
-    slope, hoop and volume come from `tables`; position (e, n d, n d) says where in `data` the stiffness of an
-    element goes. A bad element has J <= 0 somewhere.
+    `law`: fields of an `ElementLaw`; `shapes` come from `tables`; `into`: position (e, n d, n d) says where
+    in `data` the stiffness of an element goes. A bad element has J <= 0 somewhere.
     """
+    of = ElementLaw(*law)
+    slope, hoop, volume = shapes
+    position, data = into
     n, d = slope.shape[2:]
     size = n * d
-    of_cell, f, K, work = np.empty((n, d)), np.empty(size), np.empty((size, size)), make_work(size)
+    of_cell, work = np.empty((n, d)), make_work(size)
+    f, K = work.force, work.stiffness
     energy = 0.0
     with_stiffness = data.shape[0] > 0
     for e in range(cells.shape[0]):
         gather(u, cells[e], of_cell)
-        own = respond_element(
-            law, is_averaged, slope[e], hoop[e], volume[e], of_cell, with_stiffness, work, f, K
-        )
+        shape = ElementShape(slope[e], hoop[e], volume[e])
+        own = respond_element(of, shape, of_cell, with_stiffness, work)
         if math.isnan(own):
             return energy, e
         energy += own

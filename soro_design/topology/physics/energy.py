@@ -17,6 +17,8 @@ from soro_core._jit import inner, kernel
 from soro_core.arrays import Array, Integers
 from soro_design.fem.elements.response import add_volume_curvature, cofactor
 from soro_design.fem.elements.solid import (
+    ElementLaw,
+    ElementShape,
     ElementWork,
     add_force,
     add_stiffness,
@@ -60,17 +62,11 @@ class Elements(NamedTuple):
 
 @inner
 def _add_air(
-    slope: Array,
-    hoop: Array,
-    volume: Array,
-    shape: Array,
-    p: Array,
-    u: Array,
-    work: ElementWork,
-    f: Array,
-    K: Array,
+    element: ElementShape, shape: Array, p: Array, u: Array, work: ElementWork, to: tuple[Array, Array]
 ) -> float:
-    """Add force and stiffness of -int p J dV to f, K; return it."""
+    """Add force and stiffness of -int p J dV to those in `to`; return it."""
+    slope, hoop, volume = element
+    f, K = to
     energy = 0.0
     for g in range(volume.shape[0]):
         here = 0.0
@@ -88,22 +84,24 @@ def _add_air(
 @kernel
 def assemble(
     elements: Elements,
-    kappa: Array,
-    gamma: Array,
+    scale: tuple[Array, Array],
     pressure: Array,
-    position: Integers,
     u: Array,
     force: Array,
-    data: Array,
+    into: tuple[Integers, Array],
 ) -> tuple[float, float, int]:
     """Add forces (n, 2) and stiffness; return the energies of material and air, and -1 or a bad element.
 
-    kappa, gamma (e,) and pressure (n,) are those of elements and nodes; position (e, 8, 8) says where in
-    `data` the stiffness goes. Without `data` there is none. A bad element has J <= 0 in its solid.
+    `scale` has kappa and gamma (e,) of the elements; pressure (n,) is that of the nodes; `into`: position
+    (e, 8, 8) says where in `data` the stiffness goes. Without `data` there is none. A bad element has J <= 0
+    in its solid.
     """
     law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
-    f, K, fs, Ks = np.empty(8), np.empty((8, 8)), np.empty(8), np.empty((8, 8))
+    kappa, gamma = scale
+    position, data = into
+    of, f, K = ElementLaw(law, is_averaged), np.empty(8), np.empty((8, 8))
     of_cell, scaled, p, work = np.empty((4, 2)), np.empty((4, 2)), np.empty(4), make_work(8)
+    fs, Ks = work.force, work.stiffness
     with_stiffness = data.shape[0] > 0
     stored, by_air = 0.0, 0.0
     for e in range(cells.shape[0]):
@@ -123,9 +121,8 @@ def assemble(
                 f[i] += K[i, j] * of_cell[j // 2, j % 2]
             stored += 0.5 * f[i] * of_cell[i // 2, i % 2]
         if gamma[e] > 0.0:
-            energy = respond_element(
-                law, is_averaged, slope[k], hoop[k], volume[k], scaled, with_stiffness, work, fs, Ks
-            )
+            element = ElementShape(slope[k], hoop[k], volume[k])
+            energy = respond_element(of, element, scaled, with_stiffness, work)
             if math.isnan(energy):
                 return stored, by_air, e
             stored += kappa[e] * energy
@@ -134,7 +131,8 @@ def assemble(
                 for j in range(i + 1):
                     K[i, j] += kappa[e] * gamma[e] ** 2 * Ks[i, j]
         if is_wet:
-            by_air += _add_air(slope[k], hoop[k], volume[k], shape, p, of_cell, work, f, K)
+            element = ElementShape(slope[k], hoop[k], volume[k])
+            by_air += _add_air(element, shape, p, of_cell, work, (f, K))
         for i in range(8):
             force[cells[e, i // 2], i % 2] += f[i]
         if with_stiffness:
@@ -148,21 +146,19 @@ def assemble(
 
 @kernel
 def sensitivities(
-    elements: Elements,
-    kappa: Array,
-    gamma: Array,
-    u: Array,
-    adjoint: Array,
-    by_element: Array,
-    by_pressure: Array,
+    elements: Elements, scale: tuple[Array, Array], u: Array, adjoint: Array, by: tuple[Array, Array]
 ) -> None:
-    """by_element (e, 4), by_pressure (n,) <- derivatives of energy and of adjoint . force.
+    """by element (e, 4) and pressure (n,) <- derivatives of energy and of adjoint . force.
 
+    `scale` has kappa and gamma (e,).
     The columns: of the stored energy by kappa and by gamma, then of adjoint . force by both. Of the pressure
     there is only adjoint . force.
     """
     law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
-    fs, Ks, f, work = np.empty(8), np.empty((8, 8)), np.empty(8), make_work(8)
+    kappa, gamma = scale
+    by_element, by_pressure = by
+    of, f, work = ElementLaw(law, is_averaged), np.empty(8), make_work(8)
+    fs, Ks = work.force, work.stiffness
     of_cell, scaled, x, y = np.empty((4, 2)), np.empty((4, 2)), np.empty(8), np.empty(8)
     by_pressure[:] = 0.0
     for e in range(cells.shape[0]):
@@ -182,9 +178,8 @@ def sensitivities(
         work_done = (1.0 - c * c) * mixed
         work_by_gamma = -2.0 * c * mixed
         if c > 0.0:
-            energy += respond_element(
-                law, is_averaged, slope[k], hoop[k], volume[k], scaled, True, work, fs, Ks
-            )
+            element = ElementShape(slope[k], hoop[k], volume[k])
+            energy += respond_element(of, element, scaled, True, work)
             for i in range(8):
                 energy_by_gamma += fs[i] * x[i]
                 work_done += c * y[i] * fs[i]

@@ -102,7 +102,7 @@ class Stroke:
         tables = (grid.slope, grid.hoop, grid.volume, grid.shape)
         alone = Elements(self.material.law, is_averaged, cells, np.arange(n), *tables, np.zeros((n, 8, 8)))
         data, zero, one = np.zeros(64 * n), np.zeros((4 * n, 2)), np.ones(n)
-        assemble(alone, one, one, zero[:, 0].copy(), position, zero, zero.copy(), data)
+        assemble(alone, (one, one), zero[:, 0].copy(), zero, zero.copy(), (position, data))
         small = data.reshape(n, 8, 8)
         return alone._replace(cells=grid.mesh.cells, kind=grid.kind, small=small)
 
@@ -126,7 +126,7 @@ class Stroke:
         data = np.zeros(len(grid.vectors.keys)) if with_stiffness else _NONE
         force = np.zeros_like(u)
         stored, by_air, bad = assemble(
-            self._elements, kappa, gamma, pressure, grid.vectors.cells, u, force, data
+            self._elements, (kappa, gamma), pressure, u, force, (grid.vectors.cells, data)
         )
         force += self.spring * u
         potential = stored + by_air + 0.5 * float((self.spring * u * u).sum())
@@ -244,7 +244,7 @@ class Stroke:
         adjoint[self._free] = -at.solver.solve(right)
         by_element, by_pressure = np.empty((len(density), 4)), np.empty(len(no_air))
         towards = adjoint.reshape(at.u.shape)
-        sensitivities(self._elements, kappa, gamma, at.u, towards, by_element, by_pressure)
+        sensitivities(self._elements, (kappa, gamma), at.u, towards, (by_element, by_pressure))
         by_kappa = by_energy * by_element[:, 0] + by_element[:, 2]
         by_gamma = by_energy * by_element[:, 1] + by_element[:, 3]
         gradient = by_kappa * kappa_by + by_gamma * gamma_by + air.back(by_pressure)

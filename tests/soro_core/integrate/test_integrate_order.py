@@ -108,7 +108,7 @@ def test_nothing_is_carried_over_a_jump_of_the_pressure(name):
     table = np.empty((41, 3, 3))
     table[:20], table[20:] = before, after
     q, v, z = np.zeros((41, 3)), np.zeros((41, 3)), np.zeros((41, 0))
-    assert run_of(name)(stepping(arm), times, table, np.zeros(6), q, v, z) == (40, 0)
+    assert run_of(name)(stepping(arm), (times, table, np.zeros(6)), (q, v, z)) == (40, 0)
     first = simulate(arm, t_end=0.02, dt=1e-3, integrator=name, pressure=before)
     second = simulate(arm, first.q[-1], first.qd[-1], t_end=0.02, dt=1e-3, integrator=name, pressure=after)
     # dopri5 begins the second run with a step size of its own.

@@ -10,6 +10,7 @@ from soro_core._jit import kernel
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model.entries import make_box
 from soro_core.model.method import factor_system, inverse_dynamics, solve_system
+from soro_core.model.records import Motion, TangentFactors
 from soro_core.model.tables import CONTACT
 from tests.refused import fails
 
@@ -131,8 +132,8 @@ def system(box, q, qd, by_q, by_v, secant, X):
     """Rows of X <- (M - by_q dF/dq - by_v dF/dqd)^-1 rows of X."""
     arm = view(box)
     t, w = arm.tables, arm.work
-    inverse_dynamics(t, w, np.zeros(6), q, qd, qd, 1.0, w.applied)
-    good = factor_system(t, w, q, qd, by_q, by_v, secant)
+    inverse_dynamics(t, w, np.zeros(6), Motion(q, qd, qd, qd), 1.0, w.applied)
+    good = factor_system(t, w, q, qd, TangentFactors(by_q, by_v, secant))
     for k in range(X.shape[0]):
         solve_system(t, w, X[k])
     return good

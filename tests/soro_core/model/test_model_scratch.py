@@ -35,7 +35,7 @@ def calls(arm, box, q, qd):
 
     def inertial():
         v, a, out = qd[None] + 1.0, qd[None] - 2.0, np.empty((1, n))
-        entries.inertial_forces(box, t.mass[None], np.full(1, 0.02), t.gravity, q, qd, v, a, out)
+        entries.inertial_forces(box, (t.mass[None], np.full(1, 0.02), t.gravity), (q, qd, v, a), out)
         return out
 
     def external():
@@ -54,7 +54,7 @@ def calls(arm, box, q, qd):
     def acceleration():
         out = np.empty(n)
         z, pressure = np.zeros(arm.n_internal), np.full(arm.n_u, 1e3)
-        assert entries.accelerations(box, q, qd, z, pressure, wrench, out) == 0
+        assert entries.accelerations(box, (q, qd, z), pressure, wrench, out) == 0
         return out
 
     return [inertia, inertial, external, kinematics, energy, acceleration]

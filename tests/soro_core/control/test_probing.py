@@ -1,0 +1,253 @@
+"""The probe before control on twins that differ from their file in wiring, chambers, base or valves."""
+
+import numpy as np
+import pytest
+
+from soro_core.config import with_changes
+from soro_core.control.probing.dead_time import judge_dead_time
+from soro_core.control.probing.plan import ProbedArm, plan_probe
+from soro_core.control.probing.procedure import Probe, ProbeSample
+from soro_core.errors import ConfigError
+from soro_core.model.equilibrium.statics import stable_equilibrium
+from soro_core.pneumatics import RegulatorModel
+from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_exp
+from soro_core.twin import Twin
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
+from tests.soro_core.loop.loop_harness import Harness, Setup
+
+MOST_S = 20.0
+
+
+def scene(name="hanging_arm", how="refuse", **changes):
+    keys = {"mode": "lockstep", "platform": "", "controller.probe_at_enable": how, "twin.payload_kg": 0.01}
+    return load_scene(name, keys | changes)
+
+
+def chambers(robot, change, link=0):
+    """The robot with other chambers in a link."""
+    links = list(robot.links)
+    links[link] = with_changes(links[link], chambers=tuple(change(list(links[link].chambers))))
+    return robot.replace(links=tuple(links))
+
+
+def swapped(robot):
+    return chambers(robot, lambda all_: [all_[0], all_[2], all_[1]])
+
+
+def rotated(robot):
+    return chambers(robot, lambda all_: [*all_[1:], all_[0]])
+
+
+def weak(robot, part=0.6):
+    def change(all_):
+        one = all_[1]
+        all_[1] = with_changes(one, alpha_eps=part * one.alpha_eps, alpha_kappa=part * one.alpha_kappa)
+        return all_
+
+    return chambers(robot, change)
+
+
+def tilted(robot, degrees):
+    base = matrix_from_quaternion(np.asarray(robot.base_quaternion))
+    turn = base @ rotation_exp(np.array([np.radians(degrees), 0.0, 0.0]))
+    return robot.replace(base_quaternion=tuple(quaternion_from_matrix(turn)))
+
+
+def probed(scene, true=None, regulator=None, most_s=MOST_S):
+    """Ticks of the loop until the law has begun, or for longer than the probe takes."""
+    loop = loop_of(scene)
+    regulator = regulator or scene.regulator
+    setup = Setup(
+        plant=true, payload_kg=scene.twin.payload_kg, refine=2, regulator=regulator, dt=1.0 / scene.rate_hz
+    )
+    ticks, begun = [], False
+    for tick in loop.run(Harness(scene.loaded_robot, setup), round(most_s / setup.dt), setup.dt):
+        ticks.append(tick)
+        note = tick.command.status.note
+        begun = begun or note != "probing the chambers before the law begins"
+        if begun and (tick.command.terms is not None or note == ticks[-2].command.status.note):
+            break  # the law has begun, or the refusal stays
+    return loop, ticks
+
+
+def said(scene, true=None, **others):
+    """What the probe has said, and whether the law has begun."""
+    _, ticks = probed(scene, true, **others)
+    command = ticks[-1].command
+    assert ticks[-1].t_s > 1.0 or "probe" in command.status.note
+    return command.status.note
+
+
+@pytest.mark.parametrize("load", [0.0, 0.03])
+def test_an_arm_as_in_its_file_is_not_refused_under_any_load(load):
+    loop, ticks = probed(scene(**{"twin.payload_kg": load}))
+    assert ticks[-1].command.status.note == ""
+    plan = loop.controller.probe.plan
+    commands = np.array([tick.command.setpoint_pa for tick in ticks])
+    assert (commands.max(axis=0) > 0.2 * plan.ceiling_pa).all()
+    assert (commands <= plan.ceiling_pa).all()
+    assert ticks[-1].t_s < plan.longest_s
+    # One chamber after the other; what is left of the one before falls at the fastest rate.
+    limits = loop.controller.pressures
+    assert np.diff(commands, axis=0).max() <= limits.rise_pa_s * 5e-3 * (1.0 + 1e-9)
+    assert (np.sort(commands, axis=1)[:, -2] < 1e3).mean() > 0.95
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (swapped, ("swapped", "link0/chamber1 acts as link0/chamber2", "tubes")),
+        (rotated, ("rotated", "link0/chamber0 acts as link0/chamber1", "base_quaternion")),
+        (weak, ("link0/chamber1 gives 0.", "leak")),
+        (lambda robot: tilted(robot, 15.0), ("tilted by 1", "natural bend", "marker")),
+    ],
+)
+@pytest.mark.parametrize("name", ["hanging_arm", "track_circle"])
+def test_what_differs_from_the_file_is_named_and_refused(name, change, words):
+    one = scene(name)
+    if name == "track_circle":
+        one = scene(name, **{"twin.payload_kg": 0.0})
+    text = said(one, change(one.loaded_robot))
+    assert text.startswith("probe: ")
+    assert text.count("probe: ") == 1
+    for word in words:
+        assert word in text
+
+
+def test_a_weak_chamber_of_the_standing_arm_is_named_under_its_load():
+    one = scene("track_circle", **{"twin.payload_kg": 0.02})
+    assert "link0/chamber1 gives 0.7" in said(one, weak(one.loaded_robot))
+
+
+def test_a_small_tilt_warns_and_the_law_begins():
+    one = scene()
+    _, ticks = probed(one, tilted(one.loaded_robot, 5.0))
+    command = ticks[-1].command
+    assert "tilted by" in command.status.note
+    assert command.terms is not None  # of the law
+
+
+def test_a_refusal_vents_and_stays_and_a_warning_does_not():
+    one = scene(how="refuse")
+    true = swapped(one.loaded_robot)
+    _, ticks = probed(one, true)
+    assert np.all(ticks[-1].command.setpoint_pa == 0.0)
+    assert ticks[-1].command.terms is None
+    _, ticks = probed(scene(how="warn"), true)
+    assert "swapped" in ticks[-1].command.status.note
+    assert ticks[-1].command.terms is not None
+
+
+def test_a_dead_time_is_named_and_a_longer_lag_is_none():
+    one = scene()
+    text = said(one, regulator=RegulatorModel(delay_s=0.1))
+    assert "set points act after 1" in text
+    assert "declared: 10 ms" in text
+    assert "delay_s" in text
+    assert said(one, regulator=RegulatorModel(tau_s=0.15)) == ""
+
+
+def test_the_dead_time_of_commands_and_readings_alone():
+    t = np.arange(0.0, 3.0, 5e-3)
+    command = np.where((t > 0.5) & (t < 1.5), 5e3, 0.0)[:, None]
+    noise = 100.0 * np.random.default_rng(1).standard_normal(t.size)
+
+    def reading(dead_s, lag_s):
+        value, found = 0.0, []
+        for at in t:
+            value += (np.interp(at - dead_s, t, command[:, 0]) - value) * 5e-3 / lag_s
+            found.append(value)
+        return (np.array(found) + noise)[:, None]
+
+    for dead_s, named in ((0.01, False), (0.02, False), (0.06, True), (0.2, True)):
+        found = judge_dead_time(("a",), t, command, reading(dead_s, 0.06), 0.015)
+        assert bool(found) == named, dead_s
+    assert judge_dead_time(("a",), t, command, reading(0.015, 0.3), 0.015) == []
+
+
+def arm(controller):
+    return ProbedArm(
+        controller.arm,
+        controller.fields,
+        controller.limit,
+        controller.pressures,
+        controller.law.heaviest_kg(),
+        controller.config.enable,
+    )
+
+
+def fed(probe, sample, seconds=8.0):
+    """The end of a probe that is given samples."""
+    state = probe.initial_state()
+    for k in range(round(seconds / 5e-3)):
+        state = probe.step(state, sample(k * 5e-3))
+        if state.done:
+            break
+    return state
+
+
+@pytest.fixture(scope="module")
+def standing():
+    return loop_of(scene("track_circle")).controller
+
+
+def test_an_arm_that_is_not_empty_or_moves_or_is_lost_is_refused_with_the_reason(standing):
+    probe, zero = Probe(arm(standing), lenient=True), np.zeros(3)
+    full = fed(probe, lambda t: ProbeSample(t, zero, zero, np.array([0.0, 5e3, 0.0])))
+    assert "not empty: link0/chamber1 is at 5.0 kPa" in full.refusal
+    swings = fed(probe, lambda t: ProbeSample(t, np.array([0.0, 3.0 * np.sin(9.0 * t), 0.0]), zero, zero))
+    assert "the arm moves" in swings.refusal
+    gone = fed(probe, lambda t: ProbeSample(t if t < 1.5 else t + 0.3, zero, zero, zero))
+    assert "no estimate of the arm for 0.3" in gone.refusal
+    falls = fed(probe, lambda t: ProbeSample(t, np.full(3, 1e3 * (t > 1.5)), zero, zero))
+    assert falls.refusal == ""
+    wild = fed(probe, lambda t: ProbeSample(t, np.full(3, 1e3 * (t > 3.0)), zero, zero))
+    assert "falls over under its load with link0/chamber0" in falls.said
+    assert "limits of motion with link0/chamber0" in wild.refusal
+    none = fed(probe, lambda t: ProbeSample(t, zero, zero, np.full(3, np.nan)))
+    assert "not finite" in none.refusal
+    for state in (full, swings, gone, falls, wild, none):
+        assert np.all(state.setpoint_pa == 0.0)
+
+
+def test_a_chamber_whose_reading_does_not_rise_ends_the_probe(standing):
+    probe, zero = Probe(arm(standing)), np.zeros(3)
+    state = fed(probe, lambda t: ProbeSample(t, zero, zero, zero))
+    assert "link0/chamber0 reads 0.0 kPa at a set point of" in state.refusal
+
+
+def test_no_pressure_leaves_the_limits_of_motion_by_the_model_under_its_heaviest_load(standing):
+    known = arm(standing)
+    plan = plan_probe(known)
+    assert (plan.ceiling_pa <= standing.maximum_pa).all()
+    for load in np.linspace(0.0, known.heaviest_kg, 4):
+        rest = stable_equilibrium(known.arm, np.zeros(3), None, load)
+        if (known.fields.peaks(rest) > known.limit).any():
+            continue  # no pressure moves it there
+        for k in range(3):
+            q = stable_equilibrium(known.arm, plan.ceiling_pa[k] * np.eye(3)[k], rest, load)
+            assert (known.fields.peaks(q) <= known.limit).all()
+    tight = known._replace(limit=np.full(3, 1e-4))
+    with pytest.raises(ConfigError, match="beyond the limits"):
+        plan_probe(tight)
+
+
+def test_without_the_key_nothing_is_probed():
+    one = scene(how="off")
+    assert loop_of(one).controller.probe is None
+    unset = with_changes(one, controller=with_changes(one.controller, probe_at_enable="auto"))
+    assert loop_of(unset).controller.probe is None
+    assert loop_of(unset).controller.initial_state().probe is None
+
+
+@pytest.mark.parametrize("name", ["six_links", "two_links", "imu_only"])
+def test_other_arms_and_sensors_are_not_refused(name):
+    one = load_scene(name, {"mode": "lockstep", "controller.probe_at_enable": "refuse"})
+    loop = loop_of(one)
+    twin = Twin(one.loaded_robot, with_changes(one.twin_node(), pressures="regulators"))
+    for tick in loop.run(twin, 4000, 1.0 / one.rate_hz, before_s=-1.0 / one.rate_hz):
+        if tick.command.terms is not None:
+            break
+    assert tick.command.status.note == ""
+    assert tick.t_s > 3.0

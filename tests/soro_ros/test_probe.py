@@ -1,0 +1,70 @@
+"""The probe before control between nodes: a run in lockstep that it refuses, and the node in real time."""
+
+import numpy as np
+import pytest
+import yaml
+
+from soro_core.config import find_config, read_yaml
+from soro_ros.conversion import messages
+from soro_ros.nodes.controller import ControllerNode
+from soro_ros.topics.diagnostics import ERROR
+from tests.soro_ros.direct import active, captured, receive, request
+from tests.soro_ros.running import run
+
+CHAMBERS = ["link0/chamber0", "link0/chamber1", "link0/chamber2"]
+NAMES = ["link0/elongation", "link0/bending_x", "link0/bending_y"]
+SWAPPED = "link0/chamber1 acts as link0/chamber2"
+
+
+def wired_wrong(folder):
+    """A robot file of the standing arm with two chambers swapped."""
+    robot = read_yaml(find_config("tue_three_bellow", "robots"))
+    link = robot["links"][0]
+    link["chambers"] = [link["chambers"][k] for k in (0, 2, 1)]
+    file = folder / "wired_wrong.yaml"
+    file.write_text(yaml.safe_dump(robot))
+    return file
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(("how", "begins"), [("refuse", False), ("warn", True)])
+def test_a_run_in_lockstep_names_swapped_chambers_before_its_law_begins(domain, tmp_path, how, begins):
+    changes = ("platform=", "mode=lockstep", "duration_s=8.5", "twin.refine=2", "twin.payload_kg=0.0")
+    changes += (f"twin.plant={wired_wrong(tmp_path)}", f"controller.probe_at_enable={how}")
+    status, output, _ = run(tmp_path / "runs", *changes)
+    assert status == (0 if begins else 1)  # the law has had a second
+    assert (f"probe: chambers are swapped: {SWAPPED}" in output) != begins
+    assert ("tip error" in output) == begins  # the law has moved the tip
+
+
+def give(node, age_s, pressure_pa=0.0):
+    stamp_ns = node.get_clock().now().nanoseconds - round(1e9 * age_s)
+    receive(node, "chambers/state", messages.chambers(CHAMBERS, np.full(3, pressure_pa), stamp_ns))
+    receive(node, "arm/state", messages.arm_state(NAMES, *np.zeros((3, 3)), stamp_ns))
+
+
+def test_in_real_time_the_probe_is_on_and_a_doubt_ends_control_with_the_reason(domain):
+    with active(ControllerNode, "rate_hz:=200.0") as node:
+        commands = captured(node, "chambers/command")
+        desired = captured(node, "arm/desired/tip")
+        give(node, 0.0)
+        assert request(node, "~/enable").success
+        give(node, 0.08)
+        assert "probing" in node.diagnostics.message
+        give(node, -0.06)  # 0.14 s later
+        assert "no estimate of the arm for 0.1" in node.diagnostics.message
+        assert node.diagnostics.level == ERROR
+        give(node, -0.065)
+        assert all(list(one.effort) == [0.0, 0.0, 0.0] for one in commands)
+        assert desired == []
+        # Enabled anew it begins anew.
+        assert request(node, "~/enable_anyway").success
+        assert node.diagnostics.level != ERROR
+        assert node.state.probe.lenient
+        assert not node.state.probe.done
+
+
+@pytest.mark.parametrize("setting", ["mode:=lockstep", "control.probe_at_enable:='off'"])
+def test_without_the_key_in_lockstep_and_with_off_the_law_begins_at_once(domain, setting):
+    with active(ControllerNode, setting) as node:
+        assert node.controller.probe is None

@@ -25,6 +25,7 @@ from benchmarks import (
     identified_srl,
     identified_tue,
     kills,
+    mismatch,
     motions,
     peer,
     realtime,
@@ -59,6 +60,7 @@ SECTIONS = {
     "identified_srl": identified_srl,
     "references": references,
     "control": control,
+    "mismatch": mismatch,
     "estimation": estimation,
     "arms": arms,
     "motions": motions,
@@ -83,7 +85,7 @@ def bench(
     out: Annotated[Path, typer.Option(help="folder of RESULTS.md and the pictures")] = Path(__file__).parent,
     with_peer: Annotated[bool, typer.Option("--peer/--no-peer", help="measure soromox too")] = True,
     quick: Annotated[bool, typer.Option(help="smallest settings: for tests, not for figures")] = False,
-    seeds: Annotated[int, typer.Option(min=1, help="control: seeds of each case")] = 5,
+    seeds: Annotated[int, typer.Option(min=1, help="control, mismatch: seeds of each case")] = 5,
     arms: Annotated[int, typer.Option(min=1, help="control: random arms")] = 100,
 ) -> None:
     """Measure, and write RESULTS.md."""

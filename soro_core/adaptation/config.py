@@ -49,6 +49,15 @@ class LearnerConfig(Strict):
         le=100,
         description="largest mass at the tip beyond the robot file's; default: six times the arm's mass",
     )
+    gain_std: float = Field(
+        0.1, gt=0, le=1, description="prior deviation of a chamber's gain from the mean of its link"
+    )
+    slope_std: float = Field(
+        0.25,
+        gt=0,
+        le=20,
+        description="prior deviation of the area slope of a link's chambers from the file's",
+    )
     weight_bound: float = Field(20.0, gt=0, le=1e4, description="largest entry of W")
     noise: float | None = Field(
         None,
@@ -68,7 +77,9 @@ class LearnerConfig(Strict):
         description="variance by which the mass may move in a second while the residual is large, as a part "
         "of its prior variance",
     )
-    bound_s: float = Field(1.0, gt=0, le=100, description="time at a bound after which the prior is restored")
+    bound_s: float = Field(
+        1.0, gt=0, le=100, description="time of the mass at its bound after which the status says so"
+    )
 
     @model_validator(mode="after")
     def _ordered(self) -> LearnerConfig:

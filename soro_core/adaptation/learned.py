@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from soro_core.adaptation.scales import Scales
 from soro_core.arrays import Array
 
 
@@ -41,6 +42,14 @@ class Learned:
             return False
         # The sum of squares says yes at once; it is infinite too where finite values are very large.
         return math.isfinite(theta @ theta) or all(map(math.isfinite, theta.tolist()))
+
+    def with_force(self, q: Array, force: Array, by_q: Array, scales: Scales) -> Learned:
+        """Return it with a force (n_q,) at coordinates q (n_q,), and its change (n_q, n_q) by them, in W."""
+        theta, n = self.theta.copy(), q.size
+        weights = theta[1:].reshape(n, n + 1)
+        weights[:, 0] += (force - by_q @ q) / scales.force  # at the origin
+        weights[:, 1:] += by_q * scales.q / scales.force[:, None]
+        return Learned(theta)
 
     def scaled(self, share: float) -> Learned:
         """Return this part of it."""

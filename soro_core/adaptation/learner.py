@@ -12,10 +12,12 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soro_core.adaptation.bounds import bounded_minimum
+from soro_core.adaptation.chamber_gains import chamber_model
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.kernel.information import LearningRule, RuleFields, gain
@@ -24,7 +26,7 @@ from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array
 from soro_core.frozen import replaced
-from soro_core.linear import inverse
+from soro_core.linear import block_diagonal, inverse
 from soro_core.model.checks import fault
 from soro_core.model.dynamics import GOOD, NOT_FINITE
 from soro_core.model.entries import make_box
@@ -38,6 +40,8 @@ _STEP = 1e-6
 # The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
 # filter is sure, or after this time [s].
 _WAIT_S = 0.5
+# The chambers are judged after each such time [s].
+_JUDGED_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -73,9 +77,13 @@ class LearnerState:
     Attributes
     ----------
     learned : Learned
-        The model in force.
+        Mass and W in force.
+    chambers : ndarray
+        Relative gains and slopes of the chambers in force, see `ChamberModel`.
     information, moment : ndarray (size, size), (size,)
         A and b of A theta = b.
+    prior : ndarray (size, size)
+        A_0, a part of A.
     residual, regressor : ndarray (n_q,), (n_q, size); None before the first sample
         Both sides after the low-pass, in units of force.
     rate : ndarray (n_q,) or None
@@ -86,13 +94,17 @@ class LearnerState:
         Time at a bound without a break [s].
     refused, restored : int
         Samples that were not finite; restorations of the prior.
+    judged_s, named : float, str
+        Time since the chambers were judged [s], and those that differ from the others of their link.
     note : str
         What the last sample has caused, for the user; else empty.
     """
 
     learned: Learned
+    chambers: Array
     information: Array
     moment: Array
+    prior: Array
     residual: Array | None = None
     regressor: Array | None = None
     rate: Array | None = None
@@ -101,6 +113,8 @@ class LearnerState:
     at_bound_s: float = 0.0
     refused: int = 0
     restored: int = 0
+    judged_s: float = 0.0
+    named: str = ""
     note: str = ""
 
 
@@ -122,20 +136,44 @@ class Learner:
         self.config = config = complete_learner(config, arm, self.force.scales.force)
         weights = self.force.size - 1
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
+        self.chambers = chamber_model(arm, config.gain_std, config.slope_std, self.force.scales.q)
+        self.size = self.force.size + self.chambers.size
         self.slope = self._slope()
-        self.noise = config.noise**2 * np.eye(arm.n_q)
-        self.prior = np.diag(deviation**-2)
+        self.load_prior = np.diag(deviation**-2)
+        self.prior = self._prior(np.zeros(self.chambers.size))
         self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
-        self.lower = np.concatenate([[config.mass_lower_kg], np.full(weights, -config.weight_bound)])
-        self.upper = np.concatenate([[config.mass_upper_kg], np.full(weights, config.weight_bound)])
+        bound = np.full(weights, config.weight_bound)
+        self.lower = np.concatenate([[config.mass_lower_kg], -bound, self.chambers.lower])
+        self.upper = np.concatenate([[config.mass_upper_kg], bound, self.chambers.upper])
+        self._rule = LearningRule(
+            config.low_pass_per_s,
+            config.forget_s,
+            config.forget_factor,
+            config.mass_walk_per_s * config.mass_std_kg**2,
+            self.prior,
+            config.noise**2 * np.eye(arm.n_q),
+            self.slope,
+        )
         self._box = make_box(arm.tables)
         zero = np.zeros(arm.n_q)
         self._nothing = NonuniformForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
 
     def initial_state(self) -> LearnerState:
         """Return the prior."""
-        size = self.force.size
-        return LearnerState(Learned(np.zeros(size)), self.prior.copy(), np.zeros(size))
+        return LearnerState(
+            **self._parts(np.zeros(self.size)),
+            information=self.prior.copy(),
+            moment=np.zeros(self.size),
+            prior=self.prior,
+        )
+
+    def _prior(self, chambers: Array) -> Array:
+        """Return A_0 (size, size) for such values of the chambers."""
+        return block_diagonal(self.load_prior, self.chambers.prior(chambers))
+
+    def _parts(self, theta: Array) -> dict[str, Any]:
+        """Return all learned values as the fields of a state."""
+        return {"learned": Learned(theta[: self.force.size]), "chambers": theta[self.force.size :]}
 
     def step(self, state: LearnerState, sample: LearnerSample, dt: float) -> LearnerState:
         """Return the state after one sample.
@@ -157,10 +195,11 @@ class Learner:
         # At first a mean: the first sample alone would count for the time of the low-pass.
         part = max(-math.expm1(-config.low_pass_per_s * dt), dt / (state.passed_s + dt))
         if state.residual is None or state.regressor is None:
-            part, residual, regressor = 1.0, np.zeros(n), np.zeros((n, self.force.size))
+            part, residual, regressor = 1.0, np.zeros(n), np.zeros((n, self.size))
         else:
             residual, regressor = state.residual.copy(), state.regressor.copy()
         covariance = np.array(sample.covariance, order="C")
+        of_force, size = np.ascontiguousarray(regressor[:, : self.force.size]), self.force.size
         scales, unmodelled = self.force.scales, sample.unmodelled or self._nothing
         code = show(
             self._box,
@@ -175,7 +214,7 @@ class Learner:
             (unmodelled.q, unmodelled.mass_kg, unmodelled.force, unmodelled.by_mass, unmodelled.by_q),
             (scales.force, scales.q),
             part,
-            (residual, regressor),
+            (residual, of_force),
         )
         if code == NOT_FINITE:
             note = "a sample, or its force, that is not finite: not learned"
@@ -184,40 +223,42 @@ class Learner:
             raise fault(code, sample.q, sample.qd)
         if is_first and state.waited_s < _WAIT_S and self._doubtful(covariance):
             return replace(state, rate=sample.qd, waited_s=state.waited_s + dt, note="")
-        information, moment = state.information.copy(), state.moment.copy()
-        theta = np.array(state.learned.theta)
+        of_chambers = self.chambers.regressor(sample.q, self.arm.acting_pressure(sample.pressure_pa))
+        regressor[:, :size] = of_force
+        regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
+        prior = self._prior(state.chambers)
+        information, moment = state.information + (prior - state.prior), state.moment.copy()
+        theta = np.concatenate([state.learned.theta, state.chambers])
+        rule: RuleFields = self._rule._replace(prior=prior)[:]
         sides = residual, regressor
-        is_determined = gain(self._rule(), dt, covariance, sides, (information, moment), theta)
-        if not is_determined:  # a covariance that cancels the noise, for one
+        if not gain(
+            rule, dt, covariance, sides, (information, moment), theta
+        ):  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
-        within = np.minimum(np.maximum(theta, self.lower), self.upper)
-        at_bound_s = state.at_bound_s + dt if (within != theta).any() else 0.0
+        within = bounded_minimum(information, moment, theta, self.lower, self.upper)
+        mass_kg = within[0]
+        at_bound_s = state.at_bound_s + dt if mass_kg in (self.lower[0], self.upper[0]) else 0.0
+        note = ""
         if at_bound_s > config.bound_s:
-            return self._restored(state, f"at its bound for {config.bound_s:g} s: prior restored")
+            note = f"the learned mass at the tip is at its bound, {1e3 * mass_kg:.3g} g"
+        parts, judged_s, named = self._parts(within), state.judged_s + dt, state.named
+        if judged_s >= _JUDGED_S:
+            judged_s, named = 0.0, self._named(parts["chambers"], information)
         return replaced(
             state,
-            learned=Learned(within),
+            **parts,
             information=information,
             moment=moment,
+            prior=prior,
             residual=residual,
             regressor=regressor,
             rate=sample.qd,
             passed_s=state.passed_s + dt,
             at_bound_s=at_bound_s,
-            note="",
+            judged_s=judged_s,
+            named=named,
+            note="; ".join(filter(None, (named, note))),
         )
-
-    def _rule(self) -> RuleFields:
-        config = self.config
-        return LearningRule(
-            config.low_pass_per_s,
-            config.forget_s,
-            config.forget_factor,
-            config.mass_walk_per_s * config.mass_std_kg**2,
-            self.prior,
-            self.noise,
-            self.slope,
-        )[:]
 
     def follow(self, state: LearnerState, power: float, dt: float) -> LearnerState:
         """Return the state after a tick without positions: the mass follows the tracking error.
@@ -234,12 +275,12 @@ class Learner:
         dt : float
             Time since the last sample [s].
         """
-        theta = math.exp(-dt / self.config.forget_s) * state.learned.theta
+        theta = math.exp(-dt / self.config.forget_s) * np.concatenate([state.learned.theta, state.chambers])
         theta[0] = state.learned.mass_kg - self.mass_rate * power * dt
         within = np.minimum(np.maximum(theta, self.lower), self.upper)
         return replace(
             self.initial_state(),
-            learned=Learned(within),
+            **self._parts(within),
             moment=self.prior @ within,
             refused=state.refused,
             restored=state.restored,
@@ -268,8 +309,14 @@ class Learner:
         try:
             variance = np.diag(inverse(state.information))
         except np.linalg.LinAlgError:
-            variance = np.full(self.force.size, math.nan)
+            variance = np.full(self.size, math.nan)
         return np.sqrt(np.maximum(variance, 0.0))
+
+    def _named(self, chambers: Array, information: Array) -> str:
+        """Return which chambers differ from the others of their link."""
+        only = np.eye(self.size)[:, self.force.size :]
+        covariance = np.asarray(np.linalg.solve(information, only)[self.force.size :])
+        return self.chambers.named(chambers, covariance)
 
     def _restored(self, state: LearnerState, note: str) -> LearnerState:
         fresh = self.initial_state()

@@ -44,8 +44,4 @@ class NonuniformForce:
         scales : Scales
             Units of the learned force.
         """
-        theta, n = learned.theta.copy(), self.q.size
-        weights, unit = theta[1:].reshape(n, n + 1), scales.force
-        weights[:, 0] += (self.force - self.by_q @ self.q) / unit  # at the origin
-        weights[:, 1:] += self.by_q * scales.q / unit[:, None]
-        return Learned(theta)
+        return learned.with_force(self.q, self.force, self.by_q, scales)

@@ -231,8 +231,9 @@ class Controller(GivenReferences):
         )
         inner, desired, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
         transfer, desired = apply_transfer(state.transfer, desired, dt)
-        actuation = self.arm.actuation_matrix(self.law.place(belief, ahead))
-        believed = self.law.actuation(inner, actuation)
+        place = self.law.place(belief, ahead)
+        actuation = self.arm.actuation_matrix(place)
+        believed = self.law.actuation(inner, actuation, place)
         wish = self.setpoints.allocate(believed, desired, state.wish_pa)
         bias = 0.0 if regulators is None else regulators.added_pa
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
@@ -291,7 +292,7 @@ class Controller(GivenReferences):
             return np.asarray(known + self.arm.internal_force(q, state.creep))
 
         def actuation(q: Array) -> Array:
-            return self.law.actuation(state.law, self.arm.actuation_matrix(q))
+            return self.law.actuation(state.law, self.arm.actuation_matrix(q), q)
 
         shape, ahead, motions = self.underactuated.step(state.shape, future, force, actuation)
         # The shape changes little until a set point acts.

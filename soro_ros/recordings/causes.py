@@ -173,7 +173,7 @@ CAUSES = (
         _step("--set controller.adapt=true, or the load in the robot file (tip_mass)"),
     ),
     PossibleCause(
-        _says("controller", "prior restored"),
+        _says("controller", "at its bound"),
         _step(f"the arm differs from its file by more than the law can learn: {_IDENTIFY}"),
     ),
     PossibleCause(

@@ -38,7 +38,7 @@ ROWS = [
     ({"estimator_error": 0.026}, "2.6% of the length", "place-sensors"),
     ({"good_at_s": 31.0}, "still falling", "duration_s=31"),
     ({"learns": False}, "adapt is false", "adapt=true"),
-    ({"controller": "mass at its bound for 1 s: prior restored"}, "at its bound", "soro identify"),
+    ({"controller": "the learned mass at the tip is at its bound, -10.2 g"}, "at its bound", "soro identify"),
     ({"free": 0.6, "estimator": "NIS 9"}, "on a part of its way", "obstacle"),
     # What lateness and another damping do looks alike.
     (

@@ -75,7 +75,7 @@ class Adaptive(Law[AdaptiveState]):
         model, regressor = self.parameters.model_force(q, qd, qd, qdd)
         return np.asarray(model + regressor @ (state.estimate - self.parameters.nominal))
 
-    def actuation(self, state: AdaptiveState, actuation: Array) -> Array:
+    def actuation(self, state: AdaptiveState, actuation: Array, q: Array) -> Array:
         """Return H with the adapted gains of the chambers."""
         return actuation * self.parameters.gains(state.estimate)
 

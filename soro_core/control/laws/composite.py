@@ -88,7 +88,7 @@ class Composite(Law[CompositeState]):
         self.nonuniform = NonuniformStrain(setting.arm, setting.pieces) if bends else None
         names = setting.arm.robot.coordinate_names
         weights = [f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names))]
-        self.names = ("tip_mass", *weights)
+        self.names = ("tip_mass", *weights, *self.learner.chambers.names)
 
     def initial_state(self) -> CompositeState:
         """Return the state with nothing learned."""
@@ -136,8 +136,12 @@ class Composite(Law[CompositeState]):
         desired = model + internal + learned + nonuniform + proportional + derivative
         told = state.learned
         if told is None or learner.learned is not state.learner.learned or unmodelled is not state.unmodelled:
-            told = self._told(learner.learned, unmodelled)
+            told = self._told(learner, unmodelled, belief)
         return CompositeState(learner, creep, shape, unmodelled, told, sampled_s, bent_s), desired, terms
+
+    def actuation(self, state: CompositeState, actuation: Array, q: Array) -> Array:
+        """Return H with the learned gains of the chambers."""
+        return np.asarray(actuation * self.learner.chambers.factor(state.learner.chambers, q))
 
     def heaviest_kg(self) -> float:
         """Return the upper bound of the learned mass [kg]."""
@@ -151,8 +155,8 @@ class Composite(Law[CompositeState]):
         return self.setting.model_force(q, qd, qdd) + learned
 
     def estimates(self, state: CompositeState) -> dict[str, float]:
-        """Return the mass at the tip [kg] and W by name."""
-        theta = state.learner.learned.theta.copy()
+        """Return the mass at the tip [kg], W, relative gains and area slopes by name."""
+        theta = np.concatenate([state.learner.learned.theta, state.learner.chambers])
         theta[0] += self.setting.arm.robot.tip_mass
         return dict(zip(self.names, theta.tolist(), strict=True))
 
@@ -161,11 +165,21 @@ class Composite(Law[CompositeState]):
         return dict(zip(self.names, self.learner.deviations(state.learner).tolist(), strict=True))
 
     def learned(self, state: CompositeState) -> Learned:
-        """Return the learned model for the filter; W has the tangent of the non-uniform strain's force."""
-        return state.learned or self._told(state.learner.learned, state.unmodelled)
+        """Return the learned model for the filter; W has the tangents of what it is not learned for."""
+        return state.learned or self._told(state.learner, state.unmodelled)
 
-    def _told(self, learned: Learned, unmodelled: NonuniformForce | None) -> Learned:
-        return learned if unmodelled is None else unmodelled.added_to(learned, self.learner.force.scales)
+    def _told(
+        self, learner: LearnerState, unmodelled: NonuniformForce | None, belief: ArmBelief | None = None
+    ) -> Learned:
+        """Return mass and W with the tangents of all else that is learned or known beside the model."""
+        found, scales = learner.learned, self.learner.force.scales
+        if unmodelled is not None:
+            found = unmodelled.added_to(found, scales)
+        if belief is not None and learner.chambers.any():
+            acting = self.setting.arm.acting_pressure(belief.pressure_pa)
+            force, by_q = self.learner.chambers.force(learner.chambers, belief.q, acting)
+            found = found.with_force(belief.q, force, by_q, scales)
+        return found
 
     def counts(self, state: CompositeState) -> dict[str, int]:
         """Return samples refused and priors restored."""

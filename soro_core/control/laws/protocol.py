@@ -237,8 +237,8 @@ class Law(ABC, Generic[State]):
         """Return the loads [kg] with which a trial on the model must keep the arm; none for no trial."""
         return ()
 
-    def actuation(self, state: State, actuation: Array) -> Array:
-        """Return H (n_q, n_u) as the law believes it, from that of the model."""
+    def actuation(self, state: State, actuation: Array, q: Array) -> Array:
+        """Return H (n_q, n_u) at coordinates q (n_q,) as the law believes it, from that of the model."""
         return actuation
 
     def place(self, belief: ArmBelief, reference: Preview) -> Array:

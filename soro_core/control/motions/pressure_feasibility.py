@@ -124,7 +124,7 @@ def pressure_supply(
         arm,
         law.setting.fields,
         partial(law.reference_force, law_state),
-        lambda q: law.actuation(law_state, arm.actuation_matrix(q)),
+        lambda q: law.actuation(law_state, arm.actuation_matrix(q), q),
         internal,
         setpoints,
     )

@@ -133,7 +133,7 @@ def resting_shape(
             return law.reference_force(law_state, q, np.zeros_like(q), np.zeros_like(q))
 
         return UnderactuatedShape(
-            underactuated, force, lambda q: law.actuation(law_state, arm.actuation_matrix(q))
+            underactuated, force, lambda q: law.actuation(law_state, arm.actuation_matrix(q), q)
         )
     if nonuniform is None:
         return RestingShape(arm, np.eye(arm.n_q))

@@ -138,7 +138,8 @@ class Filter:
         """
         if dt <= 0.0:
             return belief, True
-        new = _room(belief)
+        mean, internal, covariance, n = belief
+        new = np.empty_like(mean), np.empty_like(internal), np.empty_like(covariance), n
         code = entries.predict(self.box, self._load(known), belief[:], pressure_pa, dt, new)
         return Belief(*new), code == GOOD
 
@@ -175,7 +176,8 @@ class Filter:
             self._expect(belief, pressure_pa, sample.s, known.share)
         record = self._unknown.copy() if record is None else record.copy()
         values = (self.site(sample.s)[:], *_values(sample), sample.stamp_s, is_new, record)
-        new = _room(belief)
+        mean, internal, covariance, n = belief
+        new = np.empty_like(mean), np.empty_like(internal), np.empty_like(covariance), n
         code, outcome, nis, position_nis = entries.advance(
             self.box, self._load(known), belief[:], (pressure_pa, dt), values, new
         )
@@ -206,12 +208,6 @@ class Filter:
         pose, spread, force = np.empty((4, 4)), np.empty((6, 6)), np.empty(self.n)
         entries.tip(self.box, belief[:], pressure_pa, pose, spread, force)
         return pose, spread, force
-
-
-def _room(belief: Belief) -> entries.Fields:
-    """Return the fields of a belief to be written."""
-    mean, internal, covariance, n = belief
-    return np.empty(mean.shape), np.empty(internal.shape), np.empty(covariance.shape), n
 
 
 def _values(sample: Sample) -> tuple[int, Array, Array, Array]:

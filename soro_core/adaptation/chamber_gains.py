@@ -29,6 +29,8 @@ _LEAST_GAIN, _MOST_GAIN, _MOST_SLOPE = -0.7, 1.0, 10.0
 _LEAST, _MOST = 0.2, 3.0
 # Prior deviation of the mean of the g of a link, which stays at 0.
 _MEAN_STD = 1e-3
+# Prior deviation of slopes that are not in doubt.
+_SURE_SLOPE_STD = 0.02
 # Part of a unit of q for the difference quotient of H.
 _STEP = 1e-6
 # A chamber is named whose gain differs from that of the others by this part, and by so many deviations.
@@ -68,18 +70,25 @@ class ChamberModel:
         """Number of values."""
         return self.lower.size
 
-    def prior(self, values: Array) -> Array:
+    def prior(self, values: Array, doubts_areas: bool) -> Array:
         """Return the inverse covariance (size, size) that is expected of values like these.
 
         Most files are right, and some are far off: a prior with long tails, as that of a Gaussian whose
-        variance grows with what is found.
+        variance grows with what is found. On one motion a slope looks like a stiffness: it stays small until
+        the areas are in doubt.
+
+        Parameters
+        ----------
+        values : ndarray (size,)
+        doubts_areas : bool
         """
+        slope_std = self.slope_std if doubts_areas else _SURE_SLOPE_STD
         n = self.link.size
         same = (self.link[:, None] == self.link).astype(float)
         mean = same / same.sum(axis=1)
         largest = np.max(values[:n] ** 2 * same, axis=1, initial=0.0)
         gains = (np.eye(n) - mean) / (self.gain_std**2 + largest)[:, None] + mean / _MEAN_STD**2
-        return block_diagonal(gains, np.diag(1.0 / (self.slope_std**2 + values[n:] ** 2)))
+        return block_diagonal(gains, np.diag(1.0 / (slope_std**2 + values[n:] ** 2)))
 
     @property
     def names(self) -> tuple[str, ...]:

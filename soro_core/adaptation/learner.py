@@ -92,6 +92,9 @@ class LearnerState:
         Time before the low-pass began, and since then [s].
     at_bound_s : float
         Time at a bound without a break [s].
+    doubts_areas : bool
+        Whether the mass has been at its bound for `bound_s`: no load explains the residual, so that the areas
+        of the chambers may.
     refused, restored : int
         Samples that were not finite; restorations of the prior.
     judged_s, named : float, str
@@ -111,6 +114,7 @@ class LearnerState:
     waited_s: float = 0.0
     passed_s: float = 0.0
     at_bound_s: float = 0.0
+    doubts_areas: bool = False
     refused: int = 0
     restored: int = 0
     judged_s: float = 0.0
@@ -167,9 +171,9 @@ class Learner:
             prior=self.prior,
         )
 
-    def _prior(self, chambers: Array) -> Array:
+    def _prior(self, chambers: Array, doubts_areas: bool = False) -> Array:
         """Return A_0 (size, size) for such values of the chambers."""
-        return block_diagonal(self.load_prior, self.chambers.prior(chambers))
+        return block_diagonal(self.load_prior, self.chambers.prior(chambers, doubts_areas))
 
     def _parts(self, theta: Array) -> dict[str, Any]:
         """Return all learned values as the fields of a state."""
@@ -226,7 +230,7 @@ class Learner:
         of_chambers = self.chambers.regressor(sample.q, self.arm.acting_pressure(sample.pressure_pa))
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
-        prior = self._prior(state.chambers)
+        prior = self._prior(state.chambers, state.doubts_areas)
         information, moment = state.information + (prior - state.prior), state.moment.copy()
         theta = np.concatenate([state.learned.theta, state.chambers])
         rule: RuleFields = self._rule._replace(prior=prior)[:]
@@ -255,6 +259,7 @@ class Learner:
             rate=sample.qd,
             passed_s=state.passed_s + dt,
             at_bound_s=at_bound_s,
+            doubts_areas=state.doubts_areas or at_bound_s > config.bound_s,
             judged_s=judged_s,
             named=named,
             note="; ".join(filter(None, (named, note))),

@@ -12,6 +12,7 @@ import pytest
 
 from soro_core.errors import HardwareError
 from soro_core.pneumatics import ValveAction, ValveCondition, healthy
+from soro_hardware.emulation.sockets import plant_server
 from soro_hardware.emulation.sockets.plant_link import PlantLinkClient
 from soro_hardware.emulation.sockets.plant_server import PlantLinkServer
 from tests.refused import fails
@@ -55,8 +56,9 @@ def server(tmp_path):
 
 
 @pytest.fixture
-def in_lockstep(tmp_path):
-    server = Served(tmp_path / "plant", lockstep=True, timeout_s=0.1)
+def in_lockstep(tmp_path, monkeypatch):
+    monkeypatch.setattr(plant_server, "_ANSWER_S", 0.1)
+    server = Served(tmp_path / "plant", lockstep=True)
     yield server
     server.close()
 

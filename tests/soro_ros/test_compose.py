@@ -25,7 +25,7 @@ REAL = {"valves": "real", "device": "/dev/x", "arm": "real"}
 class Ready:
     """A supervisor whose nodes are all active; each wait checks twice."""
 
-    commanded = True
+    commanded, controlled_s = True, 1.0
 
     def __init__(self):
         self.asked = []

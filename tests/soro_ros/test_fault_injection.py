@@ -161,7 +161,9 @@ def test_a_run_closes_its_link_to_the_emulator_when_it_refuses_a_fault(tmp_path,
             Refusing.closed += 1
 
     monkeypatch.setattr(compose, "ControlClient", Refusing)
-    scene = load_scene("track_circle", {"faults": [{"at": 1.0, "fault": "drop"}]})
+    scene = load_scene(
+        "track_circle", {"faults": [{"at": 1.0, "fault": "drop"}], "controller.probe_at_enable": "off"}
+    )
     run = compose.Run(scene, tmp_path, print)
     with pytest.raises(HardwareError, match="refused"):
         run.begin(None)

@@ -76,7 +76,7 @@ class Adaptive(Law[AdaptiveState]):
         return np.asarray(model + regressor @ (state.estimate - self.parameters.nominal))
 
     def actuation(self, state: AdaptiveState, actuation: Array, q: Array) -> Array:
-        """Return H with the adapted gains of the chambers."""
+        """Return H with the adapted gains of the chambers; parameters as in `Law.actuation`."""
         return actuation * self.parameters.gains(state.estimate)
 
     def place(self, belief: ArmBelief, reference: Preview) -> Array:

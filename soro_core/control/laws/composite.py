@@ -140,7 +140,7 @@ class Composite(Law[CompositeState]):
         return CompositeState(learner, creep, shape, unmodelled, told, sampled_s, bent_s), desired, terms
 
     def actuation(self, state: CompositeState, actuation: Array, q: Array) -> Array:
-        """Return H with the learned gains of the chambers."""
+        """Return H with the learned gains of the chambers; parameters as in `Law.actuation`."""
         return np.asarray(actuation * self.learner.chambers.factor(state.learner.chambers, q))
 
     def heaviest_kg(self) -> float:

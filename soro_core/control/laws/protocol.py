@@ -238,7 +238,16 @@ class Law(ABC, Generic[State]):
         return ()
 
     def actuation(self, state: State, actuation: Array, q: Array) -> Array:
-        """Return H (n_q, n_u) at coordinates q (n_q,) as the law believes it, from that of the model."""
+        """Return H as the law believes it.
+
+        Parameters
+        ----------
+        state : State
+        actuation : ndarray (n_q, n_u)
+            H of the model at q.
+        q : ndarray (n_q,)
+            Coordinates.
+        """
         return actuation
 
     def place(self, belief: ArmBelief, reference: Preview) -> Array:

@@ -106,7 +106,7 @@ class ChamberModel:
         """Return the change (n_q, size) of `force` by the values."""
         by_gain = -self.arm.actuation_matrix(q) * acting_pa
         by_slope = by_gain * (self.fibre @ q)
-        links = np.arange(self.size - self.link.size)
+        links = np.arange(self.lower.size - self.link.size)
         return np.concatenate([by_gain, by_slope @ (self.link[:, None] == links)], axis=1)
 
     def force(self, values: Array, q: Array, acting_pa: Array) -> tuple[Array, Array]:
@@ -139,7 +139,7 @@ class ChamberModel:
             Of the values.
         """
         texts = []
-        for i in range(self.size - self.link.size):
+        for i in range(self.lower.size - self.link.size):
             of = np.flatnonzero(self.link == i)
             # The middle one stands for the others; of two it is the stronger one.
             usual = of[np.argsort(values[of])[of.size // 2]]

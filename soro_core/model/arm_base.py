@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import ArrayLike
 
 from soro_core._box import Box
 from soro_core.arrays import Array
 from soro_core.model import dynamics, entries
-from soro_core.model.checks import fault, finite
+from soro_core.model.checks import fault, finite, shaped
 from soro_core.model.tables import Tables
 from soro_core.robot import Robot
 
@@ -35,8 +33,6 @@ class ArmBase:
     n_q: int
     _box: Box
     _no_velocity: Array
-    _shaped: Callable[..., Array]
-    """`checks.shaped` for this robot."""
 
     def _inverse(self, q: Array, qd: Array, v: Array, a: Array, gravity: Array) -> Array:
         row: Array = self._inertial(q, qd, v.reshape(1, -1), a.reshape(1, -1), gravity)[0]
@@ -60,12 +56,15 @@ class ArmBase:
         return matrix
 
     def _state(self, q: ArrayLike, qd: ArrayLike | None = None) -> tuple[Array, Array]:
-        q = self._shaped(q, (self.n_q,), "q")
-        qd = self._no_velocity if qd is None else self._shaped(qd, (self.n_q,), "qd")
+        q = self._shaped(q, self.n_q, "q")
+        qd = self._no_velocity if qd is None else self._shaped(qd, self.n_q, "qd")
         code = entries.check(self._box, q, qd)
         if code != dynamics.GOOD:
             raise fault(code, q, qd)
         return q, qd
 
     def _vector(self, values: ArrayLike, n: int, name: str) -> Array:
-        return finite(self._shaped(values, (n,), name), name)
+        return finite(self._shaped(values, n, name), name)
+
+    def _shaped(self, values: ArrayLike, n: int, name: str) -> Array:
+        return shaped(values, (n,), name, self.robot.name)

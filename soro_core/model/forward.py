@@ -73,15 +73,15 @@ class ForwardDynamics(ArmBase):
         """
         # The kernel sees whether all is finite: here only the shapes, and the cause when it is not.
         try:
-            q = self._shaped(q, (self.n_q,), "q")
+            q = self._shaped(q, self.n_q, "q")
         except ModelError:
             if dimensions(q) != 2:
                 raise
             return self._of_many(q, qd, p, wrench, internal)
-        qd = self._shaped(qd, (self.n_q,), "qd")
-        p = self._shaped(p, (self.n_u,), "p")
+        qd = self._shaped(qd, self.n_q, "qd")
+        p = self._shaped(p, self.n_u, "p")
         w = self._no_wrench if wrench is None else flat_wrench(self.robot, wrench)
-        z = self._no_internal if internal is None else self._shaped(internal, (self.n_internal,), "internal")
+        z = self._no_internal if internal is None else self._shaped(internal, self.n_internal, "internal")
         qdd = np.empty(self.n_q)
         code = entries.accelerations(self._box, (q, qd, z), p, w, qdd)
         if code != dynamics.GOOD:
@@ -151,7 +151,7 @@ class ForwardDynamics(ArmBase):
         qdd = self.forward_dynamics(q, qd, p, wrench, internal)
         if qdd.ndim > 1:
             raise ModelError(f"q: derivatives of {len(qdd)} states; allowed is one, ({n},)", "q")
-        q, qd, p = self._shaped(q, (n,), "q"), self._shaped(qd, (n,), "qd"), self._shaped(p, (n_u,), "p")
+        q, qd, p = self._shaped(q, n, "q"), self._shaped(qd, n, "qd"), self._shaped(p, n_u, "p")
         w = self._no_wrench if wrench is None else flat_wrench(self.robot, wrench)
         by_q, by_qd, by_p = np.empty((n, n)), np.empty((n, n)), np.empty((n, n_u))
         code = acceleration_derivatives(self._box, room, (q, qd, qdd), p, w, (by_q, by_qd, by_p))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
@@ -54,7 +54,7 @@ class SoftArm(ForwardDynamics):
         steps: int | None = None,
     ) -> None:
         refuse_unsupported(robot, method, nodes, steps)
-        self.robot, self._shaped = robot, partial(shaped, whose=robot.name)
+        self.robot = robot
         self.method = method
         self.nodes = default_nodes(robot) if nodes is None else int(nodes)
         self.steps = DEFAULT_STEPS if steps is None else int(steps)

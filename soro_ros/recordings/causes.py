@@ -143,7 +143,7 @@ CAUSES = (
         lambda seen: seen.bound.step,
     ),
     PossibleCause(
-        _says("controller", "too much load"),
+        _says("controller", "pressure saturated"),
         _step("a smaller load or motion; soro reach shows what the pressures can hold"),
     ),
     PossibleCause(

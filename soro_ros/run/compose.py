@@ -228,6 +228,7 @@ class Run:
         if is_probed and scene.mode == "real_time":
             self._enable(supervisor)
             check = partial(self.check_nodes, supervisor, scene.duration_s)
+            self._report("probing the chambers, each alone: some 4 to 10 s")
             what = "set point of the law behind the probe of the chambers"
             supervisor.wait(what, lambda: supervisor.controlled_s > 0.0, check, PROBE_LIMIT_S)
             self._inject()
@@ -369,7 +370,7 @@ class Run:
             if not self._reported_compiling and kernels.compiled() > compiled:
                 self._reported_compiling = True
                 self._report(
-                    "compiling kernels of the model that are not in the cache yet: up to two minutes, once"
+                    "compiling kernels of the model that are not in the cache yet: up to two minutes"
                 )
 
         def active() -> bool:

@@ -32,7 +32,11 @@ ROWS = [
     ({"error": math.nan}, "its sensor, or the recording", "soro bag info"),
     ({"swing_hz": 2.34, "at_bound": 0.3}, "swings about its reference at 2.3 Hz", "controller.gains"),
     ({"at_bound": 0.21, "bound": LIMIT}, "limits.maximum_pa, 90 kPa,", "state another one"),
-    ({"controller": "too much load: link0/chamber0 lacks 9 kPa"}, "lacks 9 kPa", "soro reach"),
+    (
+        {"controller": "pressure saturated: link0/chamber0 needs 9 kPa more than its limit"},
+        "needs 9 kPa",
+        "soro reach",
+    ),
     ({"pressure_off": "the pressure of link0/chamber1 is 5.0 kPa below"}, "chamber1", "valve, supply"),
     ({"at_slew": 0.25}, "25% of the changes", "slower reference"),
     ({"estimator_error": 0.026}, "2.6% of the length", "place-sensors"),
@@ -257,12 +261,12 @@ def vented(*said, failure=TRIP, trips=(TRIP,)):
         # In real time no state comes, and the controller says nothing new.
         (
             (
-                ("controller", 1, "too much load"),
+                ("controller", 1, "pressure saturated"),
                 ("estimator", 1, "no estimate: no reading of link0/chamber0"),
             ),
             "estimator: no estimate: no reading of link0/chamber0",
         ),
-        ((("controller", 1, "too much load"),), TRIP),
+        ((("controller", 1, "pressure saturated"),), TRIP),
     ],
 )
 def test_what_ended_the_commands_is_the_reason_of_a_vent(said, reason):
@@ -285,4 +289,4 @@ def test_a_run_without_a_recording_has_what_the_nodes_said():
 
 
 def test_the_end_of_commands_is_unknown_without_words():
-    assert end_of_commands("", "") == end_of_commands("too much load", "pose: NIS 5.0") == ""
+    assert end_of_commands("", "") == end_of_commands("pressure saturated", "pose: NIS 5.0") == ""

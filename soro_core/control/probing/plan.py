@@ -136,7 +136,7 @@ def _is_within(known: ProbedArm, q: Array) -> bool:
 
 
 def _ceiling(known: ProbedArm, chamber: int, high_pa: float, rests: list[tuple[float, Array]]) -> float:
-    """Return the pressure that moves the empty model by `MOVES_PART`, and under no load too far."""
+    """Return the pressure that moves the straight arm by 1.5 `MOVES_PART`, and under no load too far."""
     arm = known.arm
     one = np.eye(arm.n_u)[chamber]
     pressure = high_pa

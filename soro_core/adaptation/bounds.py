@@ -14,7 +14,7 @@ def bounded_minimum(information: Array, moment: Array, free: Array, lower: Array
     """Return theta within bounds with a small theta' A theta / 2 - b' theta.
 
     The value that is farthest out is held at its bound and the others are solved for again, until all are
-    within. No value is let go again, so that it is the minimum where one bound binds, and near it otherwise.
+    within. A held value stays held: the result is the minimum if one bound binds, and near it otherwise.
 
     Parameters
     ----------

@@ -235,9 +235,8 @@ class Learner:
         theta = np.concatenate([state.learned.theta, state.chambers])
         rule: RuleFields = self._rule._replace(prior=prior)[:]
         sides = residual, regressor
-        if not gain(
-            rule, dt, covariance, sides, (information, moment), theta
-        ):  # a covariance that cancels the noise, for one
+        is_determined = gain(rule, dt, covariance, sides, (information, moment), theta)
+        if not is_determined:  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
         within = bounded_minimum(information, moment, theta, self.lower, self.upper)
         mass_kg = within[0]

@@ -128,7 +128,7 @@ def excite(
         target = make_folder(folder, loaded, where)
         _write_plan(target, excitation)
         watch = _Watch(excitation)
-        from soro_ros.run.compose import excitation_loop
+        from soro_ros.run.loop_nodes import excitation_loop
 
         end = execute(loaded, target, interrupted, console, excitation_loop(loaded), watch)
     _report(target, end, watch, console)

@@ -7,7 +7,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -25,6 +24,7 @@ from soro_ros.host.versions import versions
 from soro_ros.process import kernels
 from soro_ros.recorder.recorded_topics import recorded_topics
 from soro_ros.run import processes
+from soro_ros.run.loop_nodes import OBSERVERS, LoopNodes, control_loop
 from soro_ros.run.processes import Child, NodeError
 from soro_ros.run.supervisor import RunMonitor
 
@@ -53,49 +53,8 @@ END_ORDER = (
     "recorder",
     "valves",
 )
-
-
-# Nodes that look on: the arm goes on without them.
-OBSERVERS = frozenset({"shadow", "markers", "recorder"})
 # A run that hangs may be longer than its scene by this time, in which control begins [s].
 _BEGIN_S, _END_S = 30.0, 2.0
-
-
-@dataclass(frozen=True)
-class LoopNodes:
-    """The nodes between the readings and the commands of a run.
-
-    Attributes
-    ----------
-    nodes : mapping of str to Strict
-        Their parameters, by name.
-    commander : str
-        Name of the node that commands: it is enabled at the begin.
-    shadow : bool
-        Whether the twin runs beside a real arm.
-    observers : frozenset of str
-        Names of the nodes whose failure does not end the run.
-    """
-
-    nodes: Mapping[str, Strict]
-    commander: str
-    shadow: bool = True
-    observers: frozenset[str] = OBSERVERS
-
-
-def control_loop(scene: Scene) -> LoopNodes:
-    """Return estimator and controller of a scene."""
-    nodes = {"estimator": scene.estimator_node(), "controller": scene.controller_node()}
-    return LoopNodes(nodes, "controller")
-
-
-def excitation_loop(scene: Scene) -> LoopNodes:
-    """Return the exciter of a scene, which moves the arm for its recording.
-
-    The model of a robot that is not identified yet is no shadow.
-    """
-    observers = OBSERVERS - {"recorder"}
-    return LoopNodes({"exciter": scene.exciter_node()}, "exciter", shadow=False, observers=observers)
 
 
 class Run:

@@ -23,7 +23,8 @@ from soro_lab.scene import Scene, load_scene
 from soro_ros.run.end import End
 
 if TYPE_CHECKING:
-    from soro_ros.run.compose import LoopNodes, Run
+    from soro_ros.run.compose import Run
+    from soro_ros.run.loop_nodes import LoopNodes
     from soro_ros.run.supervisor import RunMonitor
 
 

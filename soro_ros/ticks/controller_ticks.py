@@ -28,7 +28,7 @@ from soro_lab.scene import ControllerNodeConfig
 from soro_lab.scene.loop import controller_of
 from soro_ros.conversion import learning, messages, qos, references
 from soro_ros.ticks.control_report import ControlReport
-from soro_ros.topics.diagnostics import NO_COMMAND, begun
+from soro_ros.topics.diagnostics import NO_COMMAND, add_prefix
 from soro_ros.topics.motion_job import REPLACED
 from soro_ros.topics.motion_topic import MotionTopic
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
@@ -262,7 +262,7 @@ class ControllerTicks:
             self._publish_learned(command.learned, stamp_ns)
         else:
             self._publish_learned(None, stamp_ns)
-        self._note(begun(NO_COMMAND, failure) or command.status.note)
+        self._note(add_prefix(NO_COMMAND, failure) or command.status.note)
         if failure:
             if self._lockstep:
                 self._publish(np.zeros(0), stamp_ns)

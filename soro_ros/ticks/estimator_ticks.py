@@ -21,7 +21,7 @@ from soro_core.rotation import quaternion_from_matrix
 from soro_lab.scene import EstimatorNodeConfig
 from soro_lab.scene.loop import estimator_of
 from soro_ros.conversion import learning, messages, qos
-from soro_ros.topics.diagnostics import NO_ESTIMATE, begun
+from soro_ros.topics.diagnostics import NO_ESTIMATE, add_prefix
 from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
 from soro_ros.topics.sample_inputs import SampleInputs
@@ -140,7 +140,7 @@ class EstimatorTicks:
             self._pressures.popleft()
             if silent := messages.without_reading(pressure, self._names):
                 # As without a message, which is what comes where no chamber is read; samples wait.
-                self._ports.report(begun(NO_ESTIMATE, f"no reading of {silent}"))
+                self._ports.report(add_prefix(NO_ESTIMATE, f"no reading of {silent}"))
                 self._without_estimate(stamp_ns)
                 continue
             due = [sample for found in self._samples.due(tick).values() for sample in found]
@@ -166,7 +166,7 @@ class EstimatorTicks:
             found = self.state.counts.invalid
             self._ports.warn(f"samples of sensors refused, with numbers of no arm: {found} since the start")
         known = "; ".join(filter(None, (estimate.status.note, self._late)))
-        self._ports.report(begun(NO_ESTIMATE, estimate.status.message) or known)
+        self._ports.report(add_prefix(NO_ESTIMATE, estimate.status.message) or known)
         self._await(stamp_ns)
         publish("arm/covariance", learning.covariance(certainty_of(estimate), stamp_ns))
         if not estimate.status.ok:

@@ -105,9 +105,9 @@ class Diagnostics:
         self._publisher.publish(array)
 
 
-def begun(begin: str, text: str) -> str:
+def add_prefix(prefix: str, text: str) -> str:
     """Return a text that begins with one of the words above, once; an empty one stays empty."""
-    return text if not text or text.startswith(begin) else f"{begin}: {text}"
+    return text if not text or text.startswith(prefix) else f"{prefix}: {text}"
 
 
 def _text(value: object) -> str:

@@ -43,7 +43,7 @@ class Buttons:
         self._pressed.put(button)
 
     def work(self) -> None:
-        """Call what was asked for, and tell what was answered."""
+        """Call the requested service and report its answer."""
         while not self._pressed.empty():
             self._begin(self._pressed.get())
         waiting, self._calls = self._calls, []

@@ -9,7 +9,7 @@ import pytest
 from soro_core.errors import SoroError
 from soro_lab.scene import load_scene
 from soro_ros.process import kernels
-from soro_ros.run import compose, processes
+from soro_ros.run import compose, loop_nodes, processes
 from soro_ros.run.compose import Run
 
 # As a node: it ends at SIGINT, which is ignored until it has imported everything.
@@ -266,7 +266,7 @@ def test_the_failure_of_a_node_of_the_loop_ends_the_run(started, name, how):
 @pytest.mark.process
 def test_an_excitation_ends_with_its_recording(start):
     run, _ = start({"platform": "", "mode": "lockstep"})
-    run._loop = compose.excitation_loop(run.scene)
+    run._loop = loop_nodes.excitation_loop(run.scene)
     run.start(Ready())
     run.begin(Saying())
     with pytest.raises(SoroError, match="recorder"):
@@ -277,7 +277,7 @@ def test_the_observers_of_a_run_are_those_of_the_nodes():
     for name in {*compose.END_ORDER} - {"valves"}:
         node = importlib.import_module(f"soro_ros.nodes.{name}")
         (found,) = {one.is_observer for one in vars(node).values() if getattr(one, "node_name", "") == name}
-        assert found == (name in compose.OBSERVERS)
+        assert found == (name in loop_nodes.OBSERVERS)
 
 
 @pytest.mark.process

@@ -17,8 +17,8 @@ WARN: Literal["warn"] = "warn"
 
 # How much worse the wiring of the file must be than another one: by so much, and by this factor.
 _WORSE, _BETTER = 25.0, 3.0
-# Part of the motions that the wiring of the file may leave.
-_MISSED = 0.4
+# Largest residual of the wiring of the file, as a part of the motions.
+_MOST_RESIDUAL = 0.4
 # Gains by their link's mean that are no longer that of the file: warning, failure; and deviations.
 _GAIN_WARN, _GAIN_FAIL, _DEVIATIONS = 0.15, 0.25, 3.0
 # Tilts [deg]: warning, failure.
@@ -74,7 +74,7 @@ def judge_answers(
     best = fits[0]
     if own.cost - best.cost > _WORSE and best.cost < own.cost / _BETTER:
         return [_wiring(names, best)]
-    if own.missed > _MISSED:
+    if own.residual_part > _MOST_RESIDUAL:
         text = "the arm answers in directions that no wiring of the chambers explains"
         causes = ("a turned frame of the pose sensor or base_quaternion", "a robot file of another arm")
         return [ProbeFinding(FAIL, text, "compare frames and robot file with the arm", causes)]

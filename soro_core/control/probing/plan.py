@@ -66,7 +66,7 @@ class ProbePlan:
     ceiling_pa : ndarray (n_u,)
         Highest pressure of each chamber [Pa gauge].
     moves_m : float
-        Way of the ends of the links that is aimed at [m].
+        Displacement of the ends of the links that is aimed at [m].
     limit : ndarray (n_q,)
         Largest absolute strains.
     rise_s, settle_s, window_s : float
@@ -87,11 +87,6 @@ class ProbePlan:
     rise_pa_s: float
     fall_pa_s: float
     dead_time_s: float
-
-    @property
-    def longest_s(self) -> float:
-        """Longest time that the probe takes [s]."""
-        return (len(self.names) + 3) * (self.rise_s + self.settle_s + self.window_s)
 
 
 def plan_probe(known: ProbedArm) -> ProbePlan:
@@ -140,9 +135,9 @@ def _ceiling(known: ProbedArm, chamber: int, high_pa: float, rests: list[tuple[f
     arm = known.arm
     one = np.eye(arm.n_u)[chamber]
     pressure = high_pa
-    for _ in range(3):  # towards the way that is wanted; the answer is not quite linear
+    for _ in range(3):  # towards the displacement that is wanted; the response is not quite linear
         with contextlib.suppress(ModelError):
-            moved = way(arm, equilibrium(arm, pressure * one), np.zeros(arm.n_q))
+            moved = end_displacement(arm, equilibrium(arm, pressure * one), np.zeros(arm.n_q))
             pressure = min(high_pa, pressure * min(1.5 * MOVES_PART * arm.length / max(moved, 1e-9), 1.0))
             continue
         pressure *= 0.5
@@ -168,8 +163,8 @@ def _stays(known: ProbedArm, pressure: Array, load_kg: float, rest: Array) -> bo
         return False
 
 
-def way(arm: SoftArm, q: Array, rest: Array) -> float:
-    """Return how far the end of a link has moved, of the one that has moved most [m].
+def end_displacement(arm: SoftArm, q: Array, rest: Array) -> float:
+    """Return the displacement [m] of the end of a link, of the one that has moved most.
 
     Parameters
     ----------

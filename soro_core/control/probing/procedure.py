@@ -11,8 +11,9 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.control.probing.dead_time import judge_dead_time
 from soro_core.control.probing.findings import FAIL, STOP, WARN, ProbeFinding, judge_answers
-from soro_core.control.probing.plan import ProbedArm, plan_probe, way
+from soro_core.control.probing.plan import ProbedArm, end_displacement, plan_probe
 from soro_core.control.probing.wiring import HeldState, WiringModel
+from soro_core.errors import SoroError
 
 Phase: TypeAlias = Literal["rest", "trial", "press", "fall", "done"]
 Between: TypeAlias = Callable[[], None]
@@ -20,13 +21,13 @@ Between: TypeAlias = Callable[[], None]
 _FOUND_S = 0.5
 # Longest wait for an arm that still moves [s].
 _REST_S = 4.0
-# Way of an arm at rest within a window, as a part of the length, and pressure of an empty chamber [Pa].
+# Displacement of an arm at rest within a window, as a part of the length.
 _STILL_PART = 0.02
 # Part of the set point that a reading has at the end of a hold, and absolute error that it may have [Pa].
 _FOLLOWS, _ERROR_PA = 0.5, 600.0
 # Part of its highest pressure with which the first chamber is tried, and least part that is taken.
-TRIAL, _LEAST_PART = 0.125, 0.35
-# Way of an arm that falls over when it is tried, as a part of the length.
+_TRIAL, _LEAST_PART = 0.125, 0.35
+# Displacement of an arm that falls over in the trial, as a part of the length.
 _FALLS_PART = 0.6
 # The model stays within the limits of motion under every load; an arm that falls over swings beyond its rest.
 _SWING = 1.5
@@ -75,8 +76,8 @@ class ProbeState:
     phase : Phase
     chamber : int
         The chamber that is pressed.
-    begun_s : float
-        Time at which the phase began [s]; NaN before the first sample.
+    started_s : float
+        Time at which the phase started [s]; NaN before the first sample.
     setpoint_pa : ndarray (n_u,)
         Set points of now [Pa gauge].
     from_pa : float
@@ -96,7 +97,7 @@ class ProbeState:
     setpoint_pa: Array
     phase: Phase = "rest"
     chamber: int = -1
-    begun_s: float = np.nan
+    started_s: float = np.nan
     from_pa: float = 0.0
     part: float = 1.0
     row: Row | None = None
@@ -171,16 +172,20 @@ class Probe:
         """
         if state.done:
             return state
-        if np.isnan(state.begun_s):
-            state = replace(state, begun_s=sample.t_s)
-        if trouble := self._trouble(state, sample):
-            return _ended(state, (ProbeFinding(STOP, *trouble),))
+        if np.isnan(state.started_s):
+            state = replace(state, started_s=sample.t_s)
+        if failure := self._failure(state, sample):
+            return _ended(state, (ProbeFinding(STOP, *failure),))
         state = replace(state, row=Row(sample, state.setpoint_pa, state.row))
-        state = _PHASES[state.phase](self, state, sample, between)
+        try:
+            state = _PHASES[state.phase](self, state, sample, between)
+        except (SoroError, np.linalg.LinAlgError) as error:
+            found = f"the model has no value {self._at(state)}: {error}"
+            return _ended(state, (ProbeFinding(STOP, found, "look at sensors and robot file"),))
         assert state.row is not None
         return replace(state, row=state.row._replace(setpoint_pa=state.setpoint_pa))
 
-    def _trouble(self, state: ProbeState, sample: ProbeSample) -> tuple[str, str] | None:
+    def _failure(self, state: ProbeState, sample: ProbeSample) -> tuple[str, str] | None:
         """Return what ends the probe at once, and the step to take."""
         at = self._at(state)
         if not all(np.isfinite(values).all() for values in sample):
@@ -202,12 +207,12 @@ class Probe:
 
     def _rest(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
         plan, config = self.plan, self._known.bounds
-        if sample.t_s - state.begun_s < _FOUND_S + plan.window_s:
+        if sample.t_s - state.started_s < _FOUND_S + plan.window_s:
             return state
         rows = _since(state.row, sample.t_s - plan.window_s)
         held = _held(rows)
-        moved = max(way(self._known.arm, row.sample.q, held.q) for row in rows)
-        if moved > _STILL_PART * self._known.arm.length and sample.t_s - state.begun_s < _FOUND_S + _REST_S:
+        moved = max(end_displacement(self._known.arm, row.sample.q, held.q) for row in rows)
+        if moved > _STILL_PART * self._known.arm.length and sample.t_s - state.started_s < _FOUND_S + _REST_S:
             return state
         worst = int(np.argmax(np.abs(held.pressure_pa)))
         if abs(held.pressure_pa[worst]) > config.pressure_pa:
@@ -218,27 +223,32 @@ class Probe:
         if moved > _STILL_PART * self._known.arm.length:
             found = f"the arm moves: {1e3 * moved:.1f} mm within {plan.window_s:.1f} s without pressure"
             return _ended(state, (ProbeFinding(STOP, found, "wait until it rests, and enable again"),))
-        return replace(state, phase="trial", chamber=0, begun_s=sample.t_s, held=(held,))
+        return replace(state, phase="trial", chamber=0, started_s=sample.t_s, held=(held,))
 
     def _trial(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
         """Press the first chamber a little: it shows how much a load leaves of the arm's stiffness."""
-        plan, elapsed_s = self.plan, sample.t_s - state.begun_s
-        if way(self._known.arm, sample.q, state.held[0].q) > _FALLS_PART * self._known.arm.length:
+        plan, elapsed_s = self.plan, sample.t_s - state.started_s
+        if (
+            end_displacement(self._known.arm, sample.q, state.held[0].q)
+            > _FALLS_PART * self._known.arm.length
+        ):
             found = f"the arm falls over under its load {self._at(state)}: its chambers are not probed"
             # At once: the law may still catch it.
             return _ended(state, (ProbeFinding(WARN, found, "take off some of the load, or hang the arm"),))
-        state = self._towards(state, 0, TRIAL * float(plan.ceiling_pa[0]) * min(elapsed_s / plan.rise_s, 1.0))
+        state = self._towards(
+            state, 0, _TRIAL * float(plan.ceiling_pa[0]) * min(elapsed_s / plan.rise_s, 1.0)
+        )
         if elapsed_s < plan.rise_s + plan.settle_s + plan.window_s:
             return state
         # Two pressures of one chamber show how stiffness and load share what is left.
         state = replace(state, held=(*state.held, _held(_since(state.row, sample.t_s - plan.window_s))))
-        moved = way(self._known.arm, sample.q, state.held[0].q)
-        part = float(np.clip(TRIAL * plan.moves_m / max(moved, 1e-9), _LEAST_PART, 1.0))
-        return replace(state, phase="press", begun_s=sample.t_s, from_pa=state.setpoint_pa[0], part=part)
+        moved = end_displacement(self._known.arm, sample.q, state.held[0].q)
+        part = float(np.clip(_TRIAL * plan.moves_m / max(moved, 1e-9), _LEAST_PART, 1.0))
+        return replace(state, phase="press", started_s=sample.t_s, from_pa=state.setpoint_pa[0], part=part)
 
     def _press(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
         plan, k = self.plan, state.chamber
-        elapsed_s = sample.t_s - state.begun_s
+        elapsed_s = sample.t_s - state.started_s
         top = state.part * float(plan.ceiling_pa[k])
         risen = min(elapsed_s / plan.rise_s, 1.0)
         state = self._towards(state, k, state.from_pa + (top - state.from_pa) * risen)
@@ -249,8 +259,8 @@ class Probe:
         if silent := self._silent(held.pressure_pa - state.held[0].pressure_pa, k, top):
             return _ended(state, (silent,))
         if k + 1 < len(plan.names):
-            return replace(state, chamber=k + 1, begun_s=sample.t_s, from_pa=0.0)
-        return replace(state, phase="fall", begun_s=sample.t_s)
+            return replace(state, chamber=k + 1, started_s=sample.t_s, from_pa=0.0)
+        return replace(state, phase="fall", started_s=sample.t_s)
 
     def _silent(self, risen_pa: Array, chamber: int, top_pa: float) -> ProbeFinding | None:
         """Return a finding if the reading of a chamber has not risen with its set point."""
@@ -278,7 +288,7 @@ class Probe:
     def _fall(self, state: ProbeState, sample: ProbeSample, between: Between) -> ProbeState:
         plan = self.plan
         state = self._towards(state, -1, 0.0)
-        if sample.t_s - state.begun_s < plan.settle_s + plan.window_s:
+        if sample.t_s - state.started_s < plan.settle_s + plan.window_s:
             return state
         rows = list(_back(state.row))[::-1]
         t = np.array([row.sample.t_s for row in rows])

@@ -72,8 +72,8 @@ class WiringFit:
         The chamber in which the pressure of each valve acts.
     cost : float
         Sum of squares of what is left and of what differs from the expectation, in deviations.
-    missed : float
-        What is left of the motions, by those that pressures make and the elastic arm resists.
+    residual_part : float
+        Residual of the motions, by those that pressures make and the elastic arm resists.
     stiffness, load_kg : float
         Stiffness by that of the file, and load at the tip [kg].
     tilt : ndarray (2,)
@@ -86,7 +86,7 @@ class WiringFit:
 
     wiring: tuple[int, ...]
     cost: float
-    missed: float
+    residual_part: float
     stiffness: float
     load_kg: float
     tilt: Array
@@ -233,9 +233,9 @@ class WiringModel:
             left_m += one.std_m**2 * float(residual @ residual)
             elastic = _STIFF * float(np.sum(one.unknown[:, 0] ** 2))
             moved_m += one.std_m**2 * (elastic + float(np.sum((gains @ np.ones(n)) ** 2)))
-        missed = float(np.sqrt(left_m / max(moved_m, _LEAST_M**2)))
+        residual_part = float(np.sqrt(left_m / max(moved_m, _LEAST_M**2)))
         fitted = float(x[0]), float(x[1]), x[2:4], tilt_std, x[4:], covariance[4:, 4:]
-        return WiringFit(wiring, cost, missed, *fitted)
+        return WiringFit(wiring, cost, residual_part, *fitted)
 
 
 def _solve(left: Array, right: Array, mean: Array, std: Array) -> tuple[Array, Array, float]:

@@ -87,7 +87,7 @@ def test_an_arm_as_in_its_file_is_not_refused_under_any_load(load):
     commands = np.array([tick.command.setpoint_pa for tick in ticks])
     assert (commands.max(axis=0) > 0.2 * plan.ceiling_pa).all()
     assert (commands <= plan.ceiling_pa).all()
-    assert ticks[-1].t_s < plan.longest_s
+    assert ticks[-1].t_s < (len(plan.names) + 3) * (plan.rise_s + plan.settle_s + plan.window_s)
     # One chamber after the other; what is left of the one before falls at the fastest rate.
     limits = loop.controller.pressures
     assert np.diff(commands, axis=0).max() <= limits.rise_pa_s * 5e-3 * (1.0 + 1e-9)
@@ -209,6 +209,15 @@ def test_an_arm_that_is_not_empty_or_moves_or_is_lost_is_refused_with_the_reason
     assert "not finite" in none.refusal
     for state in (full, swings, gone, falls, wild, none):
         assert np.all(state.setpoint_pa == 0.0)
+
+
+@pytest.mark.parametrize("from_s", [0.0, 1.5, 3.0])
+def test_a_state_for_which_the_model_has_no_value_ends_the_probe_at_zero(standing, from_s):
+    probe, zero = Probe(arm(standing), lenient=True), np.zeros(3)
+    collapsed = np.array([-2.0, 0.0, 0.0])
+    state = fed(probe, lambda t: ProbeSample(t, collapsed if t > from_s else zero, zero, zero))
+    assert "elongation" in state.refusal or "limits of motion" in state.refusal
+    assert np.all(state.setpoint_pa == 0.0)
 
 
 def test_a_chamber_whose_reading_does_not_rise_ends_the_probe(standing):

@@ -14,7 +14,7 @@ from soro_lab.scene.loop import loop_of
 from soro_lab.scene.model import ModelSection
 from soro_lab.trade.closed_loop import drive
 from soro_ros.commands import run as command
-from soro_ros.run import compose, processes
+from soro_ros.run import compose, loop_nodes, processes
 from tests.counted import counted
 
 
@@ -43,7 +43,7 @@ def test_a_run_reads_scene_robot_and_platform_once(reads, tmp_path, monkeypatch)
 
 def test_a_run_checks_its_controller_once_for_all_nodes(tmp_path, monkeypatch):
     def execute(scene, *_):
-        compose.control_loop(scene)
+        loop_nodes.control_loop(scene)
         return command.End(0, "")
 
     monkeypatch.setattr(command, "execute", execute)

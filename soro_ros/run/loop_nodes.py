@@ -1,0 +1,49 @@
+"""The nodes between readings and commands of a run: estimator and controller, or an exciter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from soro_core.config import Strict
+from soro_lab.scene import Scene
+
+# Nodes that look on: the arm goes on without them.
+OBSERVERS = frozenset({"shadow", "markers", "recorder"})
+
+
+@dataclass(frozen=True)
+class LoopNodes:
+    """The nodes between the readings and the commands of a run.
+
+    Attributes
+    ----------
+    nodes : mapping of str to Strict
+        Their parameters, by name.
+    commander : str
+        Name of the node that commands: it is enabled at the begin.
+    shadow : bool
+        Whether the twin runs beside a real arm.
+    observers : frozenset of str
+        Names of the nodes whose failure does not end the run.
+    """
+
+    nodes: Mapping[str, Strict]
+    commander: str
+    shadow: bool = True
+    observers: frozenset[str] = OBSERVERS
+
+
+def control_loop(scene: Scene) -> LoopNodes:
+    """Return estimator and controller of a scene."""
+    nodes = {"estimator": scene.estimator_node(), "controller": scene.controller_node()}
+    return LoopNodes(nodes, "controller")
+
+
+def excitation_loop(scene: Scene) -> LoopNodes:
+    """Return the exciter of a scene, which moves the arm for its recording.
+
+    The model of a robot that is not identified yet is no shadow.
+    """
+    observers = OBSERVERS - {"recorder"}
+    return LoopNodes({"exciter": scene.exciter_node()}, "exciter", shadow=False, observers=observers)

@@ -10,9 +10,11 @@ from typer.testing import CliRunner
 
 from benchmarks import peer, report, rod
 from benchmarks.__main__ import SECTIONS, app
+from benchmarks.mismatch import verdict_of
 from benchmarks.release import LADDER, LIMIT, Reference, first_good, ours
 from benchmarks.timing import Clock, per_call
 from soro_core import SoftArm
+from soro_lab.scene import load_scene
 from tests.apparatus.extremes import crushed
 from tests.apparatus.extremes.arms import DENSITY, Arm
 from tests.apparatus.extremes.measure import Release
@@ -124,3 +126,10 @@ def test_error_control_tells_whether_a_link_is_crushed():
     assert at == pytest.approx(math.acos(-1.0 / 3.0) / rate, abs=1.1 * dt)
     assert off < 1e-4
     assert crushed.run(Release(Arm(1), turns=0.05, steps=50), seed=1)[0] is None
+
+
+@pytest.mark.parametrize(
+    ("error", "word"), [(0.02, "good"), (0.021, "poor"), (0.11, "lost"), (math.nan, "lost")]
+)
+def test_a_mismatched_arm_is_judged_by_the_keys_of_its_scene(error, word):
+    assert verdict_of(error, load_scene("track_circle")) == word

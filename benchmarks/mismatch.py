@@ -220,7 +220,7 @@ def outcome(scene: Scene, say: Callable[[str], None] = lambda text: None) -> Out
     """Run the loop of a scene in lockstep, without ROS."""
     changes: dict[str, Any] = {"pressures": "regulators", "plant_link": ""}
     if scene.loaded_platform:
-        changes["regulator"] = scene.loaded_platform.emulation.regulator
+        changes["regulator"] = scene.loaded_platform.regulator
     twin = Twin(scene.loaded_robot, with_changes(scene.twin_node(), **changes))
     n, notes, length = round(scene.duration_s * scene.rate_hz), "", twin.length
     late = n - round(LAST_S * scene.rate_hz)

@@ -27,6 +27,7 @@ def executed(notebook: dict[str, Any]) -> dict[str, Any]:
     notebook : dict
         Contents of an .ipynb file, format 4.
     """
+    plt.close("all")  # what the caller left open is no picture of the first cell
     scope: dict[str, Any] = {"__name__": "__main__"}
     cells, count = [], 0
     for cell in notebook["cells"]:

@@ -6,6 +6,7 @@ import runpy
 import sys
 
 import matplotlib as mpl
+import matplotlib.pyplot as plt
 import pytest
 import rclpy
 
@@ -65,6 +66,13 @@ def numbers(text):
 
 def printed(cell):
     return "".join("".join(output.get("text", ())) for output in cell["outputs"])
+
+
+def test_a_figure_that_was_open_before_is_no_picture_of_the_first_cell():
+    plt.figure()
+    cell = {"cell_type": "code", "source": "print(1)"}
+    [found] = executed({"cells": [cell]})["cells"]
+    assert [output["output_type"] for output in found["outputs"]] == ["stream"]
 
 
 def test_the_notebook_prints_what_is_kept_in_it():

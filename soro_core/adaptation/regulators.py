@@ -34,11 +34,6 @@ class ObserverState:
     targets: tuple[Array, ...]
     play_pa: Array
 
-    @property
-    def added_pa(self) -> Array:
-        """What each regulator adds to its command (n_u,) [Pa]."""
-        return np.asarray(self.bias_pa + self.play_pa)
-
 
 @dataclass(frozen=True)
 class RegulatorObserver:
@@ -81,7 +76,9 @@ class RegulatorObserver:
         nothing = np.zeros_like(pressure_pa)
         return ObserverState(pressure_pa, nothing, (pressure_pa,), nothing)
 
-    def observe(self, state: ObserverState, measured_pa: Array, dt: float) -> ObserverState:
+    def observe(
+        self, state: ObserverState, measured_pa: Array, dt: float, part: float = 1.0
+    ) -> ObserverState:
         """Return the state after a measurement.
 
         Parameters
@@ -92,12 +89,14 @@ class RegulatorObserver:
             Measured pressures, finite [Pa gauge].
         dt : float
             Time since the last measurement [s].
+        part : float
+            Part of the gain on the bias: of a command that acts later than known, the bias makes a swing.
         """
         back = min(1 + round(self.dead_time_s / dt), len(state.targets))
         acting = state.targets[-back] + state.bias_pa
         predicted = follow(state.predicted_pa, acting, dt, self.lag_s)
         missed = measured_pa - predicted
-        bias = state.bias_pa + self.bias_per_s * dt * missed
+        bias = state.bias_pa + part * self.bias_per_s * dt * missed
         bias = np.minimum(np.maximum(bias, -self.bound_pa), self.bound_pa)
         corrected = predicted + min(self.correction_per_s * dt, 1.0) * missed
         return replaced(state, predicted_pa=np.asarray(corrected), bias_pa=bias)

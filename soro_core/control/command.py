@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
@@ -15,6 +14,7 @@ from soro_core.adaptation.regulators import ObserverState
 from soro_core.arrays import Array
 from soro_core.control.bumpless import BumplessTransfer
 from soro_core.control.control_monitor import ControlMonitorState
+from soro_core.control.laws.limit_cycle import LimitCycleState
 from soro_core.control.laws.protocol import Terms
 from soro_core.control.probing.procedure import ProbeState
 from soro_core.control.reference.active_reference import ActiveReference
@@ -41,6 +41,8 @@ class ControllerState:
         Of the unactuated coordinates.
     saturated : ndarray of bool (n_u,)
         Chambers at a bound at the last tick.
+    limit_cycle : LimitCycleState
+        Swings of the loop, and the part of the feedback that is in force.
     regulators : ObserverState or None
         State of the regulators' observer; None where the law has none.
     watch : ControlMonitorState
@@ -64,6 +66,7 @@ class ControllerState:
     creep: Array
     shape: UnderactuatedState
     saturated: NDArray[np.bool_]
+    limit_cycle: LimitCycleState
     regulators: ObserverState | None = None
     watch: ControlMonitorState = field(default_factory=ControlMonitorState)
     following: ActiveReference | None = None
@@ -128,31 +131,6 @@ class Command:
     def estimates(self) -> dict[str, float]:
         """What the law has learnt, by name."""
         return self.named()
-
-
-def input_error(q: Array, qd: Array, t: float, dt: float, n: int) -> str:
-    """Return why the input of a tick is refused, or an empty string.
-
-    Parameters
-    ----------
-    q, qd : ndarray (n,)
-        Coordinates and their rates.
-    t, dt : float
-        Time and time since the last tick [s].
-    n : int
-        Number of coordinates of the arm.
-
-    Returns
-    -------
-    str
-    """
-    if np.shape(q) != (n,) or np.shape(qd) != (n,):
-        return f"state of shape {np.shape(q)}, {np.shape(qd)} instead of ({n},)"
-    if not (np.isfinite(q).all() and np.isfinite(qd).all()):
-        return "state is not finite"
-    if not (math.isfinite(t) and math.isfinite(dt) and dt > 0.0):
-        return f"time {t} s with step {dt} s"
-    return ""
 
 
 def held_command(

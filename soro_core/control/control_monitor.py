@@ -1,7 +1,8 @@
-"""Detect saturated pressures and a fallen arm while the arm is controlled."""
+"""Detect bad input, saturated pressures and a fallen arm while the arm is controlled."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -104,6 +105,31 @@ def update_monitor(
         event_text=event_text if event_s < _SHOWN_S else "",
         event_s=event_s,
     )
+
+
+def input_error(q: Array, qd: Array, t: float, dt: float, n: int) -> str:
+    """Return why the input of a tick is refused, or an empty string.
+
+    Parameters
+    ----------
+    q, qd : ndarray (n,)
+        Coordinates and their rates.
+    t, dt : float
+        Time and time since the last tick [s].
+    n : int
+        Number of coordinates of the arm.
+
+    Returns
+    -------
+    str
+    """
+    if np.shape(q) != (n,) or np.shape(qd) != (n,):
+        return f"state of shape {np.shape(q)}, {np.shape(qd)} instead of ({n},)"
+    if not (np.isfinite(q).all() and np.isfinite(qd).all()):
+        return "state is not finite"
+    if not (math.isfinite(t) and math.isfinite(dt) and dt > 0.0):
+        return f"time {t} s with step {dt} s"
+    return ""
 
 
 def _deficit(name: str, missing_pa: float) -> str:

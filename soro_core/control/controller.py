@@ -12,12 +12,13 @@ import numpy as np
 from soro_core.adaptation.regulators import RegulatorObserver
 from soro_core.arrays import Array
 from soro_core.control.bumpless import apply_transfer
-from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command, input_error
+from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command
 from soro_core.control.config import ControllerConfig, require_chambers
-from soro_core.control.control_monitor import ControlMonitorState, update_monitor
+from soro_core.control.control_monitor import ControlMonitorState, input_error, update_monitor
 from soro_core.control.external_references import GivenReferences
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.call import call_law
+from soro_core.control.laws.limit_cycle import LimitCycleWatch, lowered, no_limit_cycle
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.motions.motion import Planner
@@ -102,6 +103,7 @@ class Controller(GivenReferences):
             ),
             options_of(self.config.law, self.config.law_options),
         )
+        self.limit_cycles = LimitCycleWatch(self.arm, model.links)
         known = self.pressures
         self._nothing = np.zeros(self.arm.n_u)
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
@@ -128,6 +130,7 @@ class Controller(GivenReferences):
             saturated=np.zeros(self.arm.n_u, dtype=bool),
             regulators=self.observer.initial_state(start) if self.law.observes_regulators else None,
             probe=None if self.probe is None else self.probe.initial_state(),
+            limit_cycle=no_limit_cycle(self.arm.n_q),
         )
 
     def step(
@@ -226,16 +229,19 @@ class Controller(GivenReferences):
             pressure_pa=measured,
             saturated=state.saturated,
         )
-        regulators = (
-            None if state.regulators is None else self.observer.observe(state.regulators, measured, dt)
-        )
+        part, regulators = state.limit_cycle.part, state.regulators
+        if regulators is not None:
+            regulators = self.observer.observe(regulators, measured, dt, part)
         inner, desired, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
+        if part < 1.0:
+            terms, desired = lowered(terms, desired, part)
         transfer, desired = apply_transfer(state.transfer, desired, dt)
         place = self.law.place(belief, ahead)
         actuation = self.arm.actuation_matrix(place)
         believed = self.law.actuation(inner, actuation, place)
         wish = self.setpoints.allocate(believed, desired, state.wish_pa)
-        bias = 0.0 if regulators is None else regulators.added_pa
+        bias = self._nothing if regulators is None else regulators.bias_pa + regulators.play_pa
+        limit_cycle = self.limit_cycles.step(state.limit_cycle, terms, believed @ bias, point.q, belief, dt)
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
         if not made.ok:
             return self._held(state, f"no finite pressures for the force that law {self.config.law} asks for")
@@ -257,7 +263,9 @@ class Controller(GivenReferences):
             transfer=transfer,
             shape=shape,
             point=point,
+            limit_cycle=limit_cycle,
         )
+        notes = filter(None, (after.watch.note, limit_cycle.note, state.probed))
         return after, Command(
             setpoint_pa=made.command_pa,
             desired_force=desired,
@@ -269,7 +277,7 @@ class Controller(GivenReferences):
             tip_reference=tip_reference,
             saturated=made.at_bound,
             terms=terms,
-            status=ControllerStatus(True, "", "; ".join(filter(None, (after.watch.note, state.probed)))),
+            status=ControllerStatus(True, "", "; ".join(notes)),
         )
 
     def _probed(self, probe: ProbeState, state: ControllerState) -> tuple[ControllerState, Command]:

@@ -18,6 +18,7 @@ from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
 from soro_core.control.gains import gains_of
+from soro_core.control.laws.limit_cycle import no_limit_cycle
 from soro_core.control.laws.registry import options_of
 from soro_core.control.motions.references import check_configured, configured_reference
 from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, with_own_range
@@ -103,6 +104,8 @@ def retune(
         if reach > 0.0:
             check_reach(new, reach)
     after = replace(state, transfer=state.transfer.start())
+    if config.gains != controller.config.gains:  # other gains may swing no more
+        after = replace(after, limit_cycle=no_limit_cycle(new.arm.n_q))
     return Retuned(new, after, moves, _from_now(new, state, t) if moves else None)
 
 

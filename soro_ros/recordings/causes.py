@@ -130,6 +130,13 @@ CAUSES = (
         _step("see with soro bag info RUN until when the tip was recorded"),
     ),
     PossibleCause(
+        _says("controller", "limit cycle"),
+        _step(
+            "see that valves and sensors are as fast as the scene says (controller.probe_at_enable measures "
+            "it), or lower controller.gains (soro gains shows them)"
+        ),
+    ),
+    PossibleCause(
         _when(
             lambda seen: seen.swing_hz > 0.0, "the tip swings about its reference at {seen.swing_hz:.1f} Hz"
         ),

@@ -30,6 +30,11 @@ ROWS = [
     ({"controller": "no command: arm/state is of no arm"}, "no arm", "soro log"),
     ({"late": 0.03}, "3% of the cycles", "lockstep"),
     ({"error": math.nan}, "its sensor, or the recording", "soro bag info"),
+    (
+        {"controller": "limit cycle at 3.2 Hz: feedback lowered to 0.5 of its gains", "swing_hz": 3.2},
+        "limit cycle at 3.2 Hz",
+        "probe_at_enable",
+    ),
     ({"swing_hz": 2.34, "at_bound": 0.3}, "swings about its reference at 2.3 Hz", "controller.gains"),
     ({"at_bound": 0.21, "bound": LIMIT}, "limits.maximum_pa, 90 kPa,", "state another one"),
     (

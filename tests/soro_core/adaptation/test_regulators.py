@@ -58,7 +58,7 @@ def test_what_a_play_adds_is_known_when_the_command_turns(told):
         command = np.array([30e3 + 15e3 * np.sin(4.0 * DT * k)])
         state, target = observer.commanded(state, command), through_play(900.0, command, target)
         targets.append(target)
-        late.append(state.added_pa[0] - (target - command)[0])
+        late.append((state.bias_pa + state.play_pa)[0] - (target - command)[0])
     worst = np.abs(late[400:]).max()
     print(f"play told {told:g} Pa: {worst:.0f} Pa late")
     if told:

@@ -1,0 +1,106 @@
+"""The detector of limit cycles on signals of its own."""
+
+import re
+
+import control_samples
+import numpy as np
+import pytest
+
+from soro_core import SoftArm, robot_from_dict
+from soro_core.control.laws import limit_cycle
+from soro_core.control.laws.limit_cycle import LimitCycleWatch, lowered, no_limit_cycle
+from soro_core.control.laws.protocol import ArmBelief
+from soro_core.errors import ConfigError
+
+ARM = SoftArm(robot_from_dict({**control_samples.ROBOT, "links": [control_samples.LINK]}))
+WATCH = LimitCycleWatch(ARM)
+BY_Q, BY_FORCE = WATCH.units
+N = ARM.n_q
+SIDE = np.array([0.0, 1.0, 0.0])
+
+
+def watched(error, reference=lambda t: 0.0, force=5.0, seconds=10.0, dt=0.005, jumps=()):
+    """Return the times of detections, and the last state; the arm is where the error has it."""
+    state, before, found = no_limit_cycle(N), 1.0, []
+    for k in range(round(seconds / dt)):
+        t = k * dt
+        e = error(t) * SIDE
+        qd = (error(t + 1e-5) - error(t - 1e-5)) / 2e-5 * SIDE
+        q = e + 5.0 * SIDE * sum(t >= jump for jump in jumps)
+        belief = ArmBelief(q * BY_Q, qd * BY_Q, None, True, np.zeros(0), np.zeros(3), np.zeros(3, bool))
+        terms = {
+            "error": e * BY_Q,
+            "proportional": -force * state.part * e * BY_FORCE,
+            "derivative": np.zeros(N),
+        }
+        state = WATCH.step(state, terms, np.zeros(N), reference(t) * SIDE * BY_Q, belief, dt)
+        if state.part < before:
+            found.append(t)
+        before = state.part
+    return found, state
+
+
+@pytest.mark.parametrize("hz", [1.0, 3.3, 9.0])
+@pytest.mark.parametrize("dt", [0.002, 0.01])
+def test_a_swing_is_known_within_two_periods_with_its_frequency(hz, dt):
+    found, state = watched(lambda t: 0.3 * np.sin(2.0 * np.pi * hz * t), seconds=3.0 / hz, dt=dt)
+    assert found[0] <= 2.0 / hz
+    told = re.fullmatch("limit cycle at (.*) Hz: feedback lowered to 0.5 of its gains", state.note)
+    assert float(told[1]) == pytest.approx(hz, rel=0.06)
+
+
+def test_feedback_is_lowered_until_it_swings_no_more_and_stays_lowered():
+    def error(t):
+        return 0.3 * np.sin(20.0 * t) * (1.0 if t < 1.5 else 0.0)
+
+    found, state = watched(error)
+    assert len(found) >= 2
+    assert max(found) < 2.0
+    assert state.part == 0.5 ** len(found)
+    # A little of it is left, whatever swings.
+    assert watched(lambda t: 0.3 * np.sin(20.0 * t), force=100.0)[1].part == 1.0 / 16.0
+
+
+def test_other_swings_are_no_limit_cycle():
+    swing = 20.0
+    rng = np.random.default_rng(1)
+    noise = dict(enumerate(rng.normal(0.0, 0.1, 4001)))
+    cases = {
+        "rings down": (lambda t: 2.0 * np.exp(-0.05 * swing * t) * np.sin(swing * t), {}),
+        "too small": (lambda t: 0.03 * np.sin(swing * t), {}),
+        "without feedback": (lambda t: 0.3 * np.sin(swing * t), {"force": 0.1}),
+        "with the reference": (lambda t: 0.3 * np.sin(swing * t), {"reference": lambda t: np.cos(swing * t)}),
+        "third harmonic": (lambda t: 0.3 * np.sin(swing * t), {"reference": lambda t: np.cos(swing * t / 3)}),
+        "grows once": (lambda t: 0.5 * (t > 5.0) + 0.1 * t, {}),
+        "estimate jumps": (
+            lambda t: 0.3 * np.sin(swing * t) * (1.0 < t < 2.0),
+            {"jumps": (1.1, 1.4, 1.7)},
+        ),
+        "noise": (lambda t: noise[min(round(t / 0.005), 4000)], {"seconds": 20.0}),
+    }
+    found = {name: watched(error, **keys)[0] for name, (error, keys) in cases.items()}
+    assert not any(found.values()), found
+    # The same swing beside a slow reference is one.
+    assert watched(lambda t: 0.3 * np.sin(swing * t), reference=lambda t: np.cos(1.5 * t))[0]
+
+
+def test_lowered_feedback_is_that_of_the_terms():
+    terms = {
+        "model": np.ones(N),
+        "error": np.ones(N),
+        "proportional": 2.0 * np.ones(N),
+        "derivative": 4.0 * np.ones(N),
+    }
+    left, desired = lowered(terms, 7.0 * np.ones(N), 0.25)
+    np.testing.assert_allclose(desired, 1.0 + 1.5)
+    np.testing.assert_allclose(left["model"] + left["proportional"] + left["derivative"], desired)
+    assert lowered({"model": desired}, desired, 0.25)[1] is desired  # a law that does not tell its feedback
+
+
+def test_an_arm_without_units_is_not_watched(monkeypatch):
+    def refuse(arm, pieces):
+        raise ConfigError("learner", "robot", "no stiffness", "stiffness")
+
+    monkeypatch.setattr(limit_cycle, "scales_of", refuse)
+    state = no_limit_cycle(N)
+    assert LimitCycleWatch(ARM).step(state, {}, BY_Q, BY_Q, None, 0.005) is state

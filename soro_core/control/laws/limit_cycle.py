@@ -35,7 +35,7 @@ _LEAST_TICKS = 3.5
 # Half swings that are compared: with the quarter before them, a limit cycle is known within two periods.
 _HALVES = 3
 # A jump of the estimate that its rate does not explain, in units of q, and the number of half swings after it
-# that are not judged. At first the filter moves from its start to the arm [s].
+# that are not judged. Nothing is watched while the filter moves from its start to the arm [s].
 _JUMP_Q, _UNJUDGED, _START_S = 0.24, 10, 0.5
 # Least ratio of their durations, and of the last height to the first.
 _EVEN_PART, _LASTS_PART = 0.6, 0.9
@@ -151,17 +151,19 @@ class LimitCycleWatch:
         feedback = (terms["proportional"] + terms["derivative"] - bias) / by_force
         place, rate = belief.q / by_q, belief.qd / by_q
         jump = np.abs(place - state.place - 0.5 * dt * (rate + state.rate)).max()
-        has_jumped = jump > _JUMP_Q and t_s > _START_S
+        starts = t_s < _START_S
+        has_jumped = jump > _JUMP_Q and not starts
         ahead = state.side * (signal - state.extreme)
+        is_out = (ahead > 0.0) | starts
         height = np.abs(state.extreme - state.values[:, -1])
         turned = -ahead > np.maximum(self.back_part * height, self.back_q)
         after = replaced(
             state,
             t_s=t_s,
-            extreme=np.where(ahead > 0.0, signal, state.extreme),
-            at_s=np.where(ahead > 0.0, t_s, state.at_s),
-            least=np.minimum(state.least, feedback),
-            most=np.maximum(state.most, feedback),
+            extreme=np.where(is_out, signal, state.extreme),
+            at_s=np.where(is_out, t_s, state.at_s),
+            least=feedback if starts else np.minimum(state.least, feedback),
+            most=feedback if starts else np.maximum(state.most, feedback),
             place=place,
             rate=rate,
             jumped_s=t_s if has_jumped else state.jumped_s,

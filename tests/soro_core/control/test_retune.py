@@ -67,6 +67,20 @@ def test_other_gains_act_soon_and_without_a_step():
     assert loop.state.transfer.difference is None
 
 
+def test_gains_that_are_set_anew_take_back_what_a_limit_cycle_has_lowered():
+    loop = Loop(gains=GAINS)
+    loop.state = replace(loop.state, limit_cycle=replace(loop.state.limit_cycle, part=0.25, note="swings"))
+    whole = Loop(gains=GAINS).run(DT)[-1].terms["proportional"]
+    left = loop.run(DT)[-1]
+    np.testing.assert_allclose(left.terms["proportional"], 0.25 * whole)
+    assert "swings" in left.status.note
+    loop.retune(adapt=False, gains=GAINS)
+    assert loop.state.limit_cycle.part == 0.25
+    loop.retune(adapt=False, gains={**GAINS, "lambda_per_s": [4.0, 4.0, 4.0]})
+    assert loop.state.limit_cycle.part == 1.0
+    assert not loop.run(DT)[-1].status.note
+
+
 def test_without_a_change_nothing_is_added():
     loop, other = Loop(), Loop()
     loop.retune()

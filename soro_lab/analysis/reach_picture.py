@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from soro_core.arrays import Array
-from soro_core.control.reachable_workspace import Reachable, shape
+from soro_core.control.reachable_workspace import Reachable
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
 from soro_lab.analysis.equilibrium_paths import EquilibriumPath, RestingPlace
@@ -95,7 +95,7 @@ def _places(figure: Any, arm: SoftArm, found: Reachable, ways: Sequence[Equilibr
     force = displacement_force(arm, shown)
     for axes, (i, j) in ((side, (0, 2)), (above, (0, 1))):
         for k in sorted(farthest):
-            x = 1e3 * shape(arm, found.q[k])
+            x = 1e3 * arm.backbone(found.q[k])
             axes.plot(x[:, i], x[:, j], color="0.8", lw=2, zorder=1)
         dots = axes.scatter(1e3 * tips[order, i], 1e3 * tips[order, j], c=mean_kpa[order], s=6, zorder=2)
         for n, place in enumerate(shown):
@@ -147,10 +147,10 @@ def _shapes(figure: Any, arm: SoftArm, rest: RestingPlace, chosen: Sequence[int]
     """The dominant modes at rest, each in the vertical plane of its largest motion."""
     panels = figure.subplots(1, len(chosen), sharex=True, sharey=True, squeeze=False)[0]
     figure.suptitle("modes at rest with most of the softness of the tip; black: rest", fontsize=9)
-    still = shape(arm, rest.q)
+    still = arm.backbone(rest.q)
     for axes, k in zip(panels, chosen, strict=True):
         step = rest.modes.shapes[:, k]
-        motion = (shape(arm, rest.q + 1e-4 * step / np.abs(step).max()) - still) * np.abs(step).max() / 1e-4
+        motion = (arm.backbone(rest.q + 1e-4 * step / np.abs(step).max()) - still) * np.abs(step).max() / 1e-4
         farthest = int(np.argmax(np.linalg.norm(motion, axis=1)))
         level = motion[farthest, :2]
         sideways = np.linalg.norm(level) > 1e-3 * np.linalg.norm(motion[farthest])
@@ -158,7 +158,7 @@ def _shapes(figure: Any, arm: SoftArm, rest: RestingPlace, chosen: Sequence[int]
         across = across * np.sign(across[np.argmax(np.abs(across))]) + 0.0
         size = _MODE * arm.length / np.linalg.norm(motion[farthest])
         for part, colour in ((1.0, "tab:red"), (-1.0, "tab:blue"), (0.0, "black")):
-            x = 1e3 * shape(arm, rest.q + part * size * step)
+            x = 1e3 * arm.backbone(rest.q + part * size * step)
             level_mm, width = x[:, :2] @ across, 2.0 if part == 0.0 else 1.5
             axes.plot(level_mm, x[:, 2], color=colour, lw=width)
             axes.plot(level_mm[-1], x[-1, 2], "o", color=colour, ms=5)  # seen where the lines are one

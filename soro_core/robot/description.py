@@ -175,6 +175,8 @@ class Robot(Strict):
             f"Robot({self.name}: {links}, {self.length:.4g} m, {self.n_q} coordinates, {self.n_u} chambers)"
         )
 
+    __str__ = __repr__
+
     def refine(self, k: int) -> Robot:
         """Split each link into `k` equal links of the same physics; the chambers run along all of them.
 

@@ -73,8 +73,14 @@ class KeptNumbers(Strict):
                 raise ConfigError("learned", f"numbers.{name}", float(value), f"{low:g} to {high:g}")
         return values
 
-    def require_robot(self, robot: Robot) -> None:
+    def require_robot(self, robot: Robot, where: str = "learned") -> None:
         """Refuse another robot, whose links are divided as in the model of the learner.
+
+        Parameters
+        ----------
+        robot : Robot
+        where : str
+            File of the numbers, for the error.
 
         Raises
         ------
@@ -82,13 +88,13 @@ class KeptNumbers(Strict):
             Naming both.
         """
         if self.robot != robot.name:
-            raise ConfigError("learned", "robot", self.robot, f"what was learned of {robot.name}")
+            raise ConfigError(where, "robot", self.robot, f"what was learned of {robot.name}")
         if self.digest != digest_of(robot):
             allowed = (
                 f"{digest_of(robot)}, of {robot.name} and the model as they are now: learn again, or take "
                 "the robot file and the model of that run"
             )
-            raise ConfigError("learned", "digest", self.digest, allowed)
+            raise ConfigError(where, "digest", self.digest, allowed)
 
     def to_yaml(self) -> str:
         """Return the text of the file."""
@@ -122,10 +128,15 @@ def load_kept(path: Path) -> KeptNumbers:
     ConfigError
         If there is none, or the file is not one of this version.
     """
-    if path.is_dir() and not (path / FILE).is_file():
+    if path.is_dir() and not kept_file(path).is_file():
         allowed = f"a run that ended good or poor with a law that learns: it has {FILE}"
         raise ConfigError(str(path), "", f"no {FILE}", allowed)
-    return load(path / FILE if path.is_dir() else path, KeptNumbers)
+    return load(kept_file(path), KeptNumbers)
+
+
+def kept_file(path: Path) -> Path:
+    """Return the file in the folder of a run; of a file, itself."""
+    return path / FILE if path.is_dir() else path
 
 
 def digest_of(robot: Robot) -> str:

@@ -129,7 +129,7 @@ def identify(
     """
     from rich.console import Console
 
-    from soro_core.adaptation.kept import load_kept
+    from soro_core.adaptation.kept import kept_file, load_kept
     from soro_core.robot import load_robot
     from soro_lab.commands.identify_air import AirStage, sources
     from soro_lab.commands.identify_report import ReportOptions, write
@@ -160,7 +160,7 @@ def identify(
     if described is not None:
         check_described(described, str(name))
         if learn_from is not None:
-            described = with_learned(described, load_kept(learn_from))
+            described = with_learned(described, load_kept(learn_from), str(kept_file(learn_from)))
         wanted.check(described, force)
     console = Console(stderr=True)
     air = AirStage(out, volume_ml, supply_kpa, accept, force)

@@ -12,7 +12,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from soro_core.adaptation.kept import load_kept
+from soro_core.adaptation.kept import kept_file, load_kept
 from soro_core.errors import ConfigError, SoroError
 from soro_hardware import signals
 from soro_lab.scene import Scene, check_gains, check_learned, check_scene
@@ -51,7 +51,7 @@ def run(
         loaded, where = prepare(scene, changes, check_scene, console, ["view"] if view else [])
         if learn_from is not None:
             loaded = loaded.with_learned(load_kept(learn_from))
-        check_learned(loaded, str(learn_from or where))
+        check_learned(loaded, where if learn_from is None else str(kept_file(learn_from)))
         target = make_folder(folder, loaded, where)
         _check_gains(loaded, where, target, console)
         with _viewing(loaded, target, interrupted, console) if view else contextlib.nullcontext():

@@ -74,10 +74,18 @@ def test_the_second_run_starts_from_what_the_first_one_kept(domain, first, tmp_p
     ids=["version", "digest", "robot", "gain", "law"],
 )
 def test_what_does_not_fit_is_refused_in_one_line(domain, first, tmp_path, old, new, changes, names):
+    from typer.testing import CliRunner
+
+    from soro_core.errors import ConfigError
+    from soro_ros.cli import application
+
     (tmp_path / FILE).write_text((first / FILE).read_text().replace(old, new, 1))
-    status, lines = again(tmp_path / "runs", tmp_path / FILE, *changes)
-    assert status == 2
-    assert all(name in lines[-1] for name in names), lines
+    options = [word for change in (*BRIEF, *changes) for word in ("--set", change)]
+    where = ["--folder", str(tmp_path / "runs"), "--learn-from", str(tmp_path)]
+    result = CliRunner().invoke(application(), ["run", "track_circle", *options, *where])
+    assert isinstance(result.exception, ConfigError)
+    assert all(name in str(result.exception) for name in names), result.exception
+    assert "\n" not in str(result.exception)
     assert not (tmp_path / "runs").exists()  # nothing was started
 
 

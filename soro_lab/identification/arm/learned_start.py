@@ -14,18 +14,26 @@ from soro_lab.identification.arm.cases.parameters import numbers_of, with_number
 _LEAST_PART = 0.2
 
 
-def with_learned(robot: Robot, kept: KeptNumbers) -> Robot:
+def with_learned(robot: Robot, kept: KeptNumbers, where: str = "learned") -> Robot:
     """Return the robot with learned gains, area slopes and stiffness as its numbers.
 
     The slope of the learned force by a coordinate itself counts as stiffness. Other entries of W, and the
     load, have no number in a robot file.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its file describes it.
+    kept : KeptNumbers
+    where : str
+        File of the numbers, for the error.
 
     Raises
     ------
     ConfigError
         If they were learned of another robot, or with its links divided.
     """
-    kept.require_robot(robot)
+    kept.require_robot(robot, where)
     learned = defaultdict(float, {name: value for name, (value, _) in kept.numbers.items()})
     present, values = numbers_of(robot), dict[str, float]()
     for index, link in enumerate(robot.links):

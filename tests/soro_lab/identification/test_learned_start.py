@@ -58,4 +58,4 @@ def test_the_command_refuses_what_is_not_of_its_robot(tmp_path):
     words = ["identify", "tue_three_bellow", "bag", "--out", "out.yaml", "--learn-from", str(tmp_path)]
     result = CliRunner().invoke(application(), words)
     assert isinstance(result.exception, ConfigError)
-    assert result.exception.key == "robot"
+    assert (result.exception.where, result.exception.key) == (str(tmp_path / FILE), "robot")

@@ -1,4 +1,4 @@
-"""The picture of `soro reach`: resting places of the tip with its compliance, frequencies, shapes of modes."""
+"""The picture of `soro reach`: resting places with the tip's compliance, frequencies, shapes of modes."""
 
 from __future__ import annotations
 

@@ -16,6 +16,13 @@ from soro_ros.recordings.report import within
 def keep_learned(folder: Path, recording: RunRecording, scene: Scene) -> Path | None:
     """Write what was learned into the folder of a run.
 
+    Parameters
+    ----------
+    folder : Path
+        Folder of the run.
+    recording : RunRecording
+    scene : Scene
+
     Returns
     -------
     Path or None

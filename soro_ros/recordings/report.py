@@ -136,7 +136,15 @@ def last_s(scene: Scene) -> float:
 
 
 def window(t: Array, begin_s: float, length_s: float = WINDOW_S) -> NDArray[np.bool_]:
-    """Return which times (n,) [s] are in the window from `begin_s`; none if they do not cover it."""
+    """Return which times are in a window; none if they do not cover it.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        Times [s].
+    begin_s, length_s : float
+        Begin and length of the window [s].
+    """
     end_s = begin_s + length_s
     if t[0] > begin_s + MISSING_S or t[-1] < end_s - MISSING_S:
         return np.zeros(t.size, dtype=bool)

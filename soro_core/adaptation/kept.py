@@ -111,7 +111,10 @@ def keep(robot: Robot, values: Mapping[str, float], deviations: Mapping[str, flo
     ConfigError
         If a number is not finite.
     """
-    numbers = {name: (value, deviations[name]) for name, value in values.items()}
+    # As the file has them: a value at its bound may be beyond it by a rounding.
+    numbers = {
+        name: (float(f"{value:.8g}"), float(f"{deviations[name]:.3g}")) for name, value in values.items()
+    }
     return KeptNumbers(version=1, robot=robot.name, digest=digest_of(robot), numbers=numbers)
 
 

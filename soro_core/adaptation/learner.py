@@ -157,6 +157,7 @@ class Learner:
         self.start = np.zeros(self.size)
         if kept is not None:
             self.start = kept.start(arm.robot, self.names, self.lower, self.upper)
+        self._room = self.lower - self.start, self.upper - self.start
         self.prior = self._prior(self.start[self.force.size :])
         self._rule = LearningRule(
             config.low_pass_per_s,
@@ -254,8 +255,7 @@ class Learner:
         is_determined = gain(rule, dt, covariance, sides, (information, moment), theta)
         if not is_determined:  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
-        start = self.start
-        within = start + bounded_minimum(information, moment, theta, self.lower - start, self.upper - start)
+        within = self.start + bounded_minimum(information, moment, theta, *self._room)
         mass_kg = within[0]
         at_bound_s = state.at_bound_s + dt if mass_kg in (self.lower[0], self.upper[0]) else 0.0
         note = ""

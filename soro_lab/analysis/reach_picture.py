@@ -1,4 +1,4 @@
-"""The picture of `soro reach`: resting places of the tip with its softness, frequencies, shapes of modes."""
+"""The picture of `soro reach`: resting places with the tip's compliance, frequencies, shapes of modes."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ def ellipse(compliance: Array, force_n: float, axes: tuple[int, int]) -> Array:
 
 
 def _places(figure: Any, arm: SoftArm, found: Reachable, ways: Sequence[EquilibriumPath]) -> None:
-    """Places of the tip from the side and from above, with ellipses of softness."""
+    """Places of the tip from the side and from above, with ellipses of compliance."""
     side, above = figure.subplots(1, 2)
     mean_kpa = 1e-3 * found.pressure_pa.mean(axis=1)
     order = np.argsort(mean_kpa)
@@ -146,7 +146,7 @@ def _frequencies(axes: Any, ways: Sequence[EquilibriumPath], chosen: Sequence[in
 def _shapes(figure: Any, arm: SoftArm, rest: RestingPlace, chosen: Sequence[int]) -> None:
     """The dominant modes at rest, each in the vertical plane of its largest motion."""
     panels = figure.subplots(1, len(chosen), sharex=True, sharey=True, squeeze=False)[0]
-    figure.suptitle("modes at rest with most of the softness of the tip; black: rest", fontsize=9)
+    figure.suptitle("modes at rest with most of the compliance of the tip; black: rest", fontsize=9)
     still = arm.backbone(rest.q)
     for axes, k in zip(panels, chosen, strict=True):
         step = rest.modes.shapes[:, k]
@@ -171,13 +171,13 @@ def _shapes(figure: Any, arm: SoftArm, rest: RestingPlace, chosen: Sequence[int]
 
 
 def _caption(arm: SoftArm, rest: RestingPlace, k: int) -> str:
-    """Frequency, damping, share of the softness of the tip and of the strains of one mode."""
+    """Frequency, damping, share of the compliance of the tip and of the strains of one mode."""
     modes = rest.modes
     swing = f"{modes.damped_hz[k]:.3g} Hz" if modes.damped_hz[k] else "no swing"
     lines = [f"mode {k + 1}: {frequency(modes, k)} Hz", f"with losses {swing},"]
     lines += [
         f"damping ratio {modes.damping_ratio[k]:.2f}",
-        f"{100 * modes.tip_share[k]:.0f} % of the softness",
+        f"{100 * modes.tip_share[k]:.0f} % of the compliance",
     ]
     shares = strain_shares(arm, modes.strain_share[k])
     lines += [f"{name} {100 * part:.0f} %" for name, part in shares.items() if part >= _NAMED]

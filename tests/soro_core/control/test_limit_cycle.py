@@ -103,6 +103,13 @@ def test_lowered_feedback_is_that_of_the_terms():
     assert lowered({"model": desired}, desired, 0.25)[1] is desired  # a law that does not tell its feedback
 
 
+@pytest.mark.parametrize("terms", [{}, dict.fromkeys(limit_cycle.FEEDBACK, 1.0)])
+def test_a_law_that_does_not_tell_its_feedback_by_coordinate_is_not_watched(terms):
+    state = no_limit_cycle(N)
+    assert WATCH.step(state, terms, BY_Q, BY_Q, None, 0.005) is state
+    assert lowered(terms, BY_Q, 0.5) == (terms, BY_Q)
+
+
 def test_an_arm_without_units_is_not_watched(monkeypatch):
     def refuse(arm, pieces):
         raise ConfigError("learner", "robot", "no stiffness", "stiffness")

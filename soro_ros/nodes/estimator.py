@@ -139,7 +139,11 @@ def _values_of(name: str, monitor: SensorMonitor | None) -> dict[str, object]:
     """Return what is known of one sensor, by the name of its topic; nothing before its first sample."""
     if monitor is None:
         return {}
-    values: dict[str, object] = {f"{name}/nis": monitor.nis}
+    values: dict[str, object] = {
+        f"{name}/nis": monitor.nis,
+        f"{name}/noise": math.sqrt(monitor.noise),
+        f"{name}/orientation_noise": math.sqrt(monitor.orientation_noise),
+    }
     if not math.isnan(monitor.position_nis):
         values[f"{name}/position_nis"] = monitor.position_nis
     return values

@@ -13,7 +13,6 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from soro_core.arrays import Array
 from soro_core.control.probing.findings import FAIL, ProbeFinding
@@ -66,7 +65,11 @@ def judge_stamps(
     found = []
     for name in dict.fromkeys(one.sensor for one in seen):
         # A sensor that repeats a pose under one stamp says nothing new.
-        own = {one.stamp_s: one.position for one in seen if one.sensor == name}
+        own = {
+            one.stamp_s: one.position
+            for one in seen
+            if one.sensor == name and np.isfinite([one.stamp_s, *one.position]).all()
+        }
         stamps = np.array(sorted(own))
         positions = np.array([own[stamp] for stamp in stamps])
         delay = stamp_delay(t_s, reading_pa, stamps, positions, between)
@@ -104,6 +107,8 @@ def stamp_delay(
     between : callable
         Called again and again.
     """
+    from scipy.optimize import least_squares  # a run without the probe need not wait for it
+
     if stamp_s.size < _LEAST_SAMPLES:
         return None
     grid = np.arange(t_s[0], t_s[-1], _STEP_S)
@@ -116,9 +121,7 @@ def stamp_delay(
     # An arm bends in two directions with one frequency, and stretches with another.
     motion = moved @ np.linalg.svd(moved, full_matrices=False)[2][:_MAIN].T
     missed = partial(_missed, grid, pressure, stamps, motion, between)
-    starts = [
-        np.array([np.log(rate), np.log(ratio), 0.0]) for rate in _RATES for ratio in _RATIOS
-    ]
+    starts = [np.array([np.log(rate), np.log(ratio), 0.0]) for rate in _RATES for ratio in _RATIOS]
     start = min(starts, key=lambda one: float(np.sum(missed(one) ** 2)))
     bounds = np.array([[0.0, np.log(0.01), -_LONGEST_S], [7.0, 5.0, _LONGEST_S]])
     best = least_squares(missed, start, bounds=tuple(bounds), x_scale=[0.1, 0.1, 0.01], max_nfev=30)

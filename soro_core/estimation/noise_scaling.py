@@ -21,7 +21,7 @@ from soro_core.robot.coordinates import strain_fields
 
 Section = TypeVar("Section", bound=Strict)
 
-# A force that changes as fast as the arm: its second derivative grows with the square of the arm's frequency, and
+# A force that changes as fast as the arm: its second derivative grows with the square of the frequency, and
 # the density of noise that makes it with the root of a period. The sensors of a faster arm are no faster: its
 # noise is that of the tuned one.
 _DRIFT = 1.5

@@ -182,6 +182,10 @@ class Filter:
         code, outcome, nis, position_nis = entries.advance(
             self.box, self._load(known), belief[:], (pressure_pa, dt), values, new
         )
+        if not isinstance(sample, PoseSample) and record[NOISE] < 1.0:
+            record[NOISE] = (
+                1.0  # the stated one allows for what the predicted angular velocity leaves out, too
+            )
         return Advanced(Belief(*new), code == GOOD, outcome, record, nis, position_nis)
 
     def _load(self, known: LearnedInput) -> entries.Known:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 from scipy.special import chdtri
@@ -85,7 +86,13 @@ class SensorMonitor(NamedTuple):
     def allowed(self, config: WatchConfig) -> float:
         """Return the mean that a good sensor exceeds with the configured probability at most."""
         count = 1.0 / self.squares
-        return float(chdtri(self.components * count, config.nis_false_alarm)) / count
+        return _quantile(round(self.components * count, 1), config.nis_false_alarm) / count
+
+
+@lru_cache(maxsize=256)
+def _quantile(freedom: float, probability: float) -> float:
+    """Return what chi-square exceeds with a probability; most calls have the same numbers."""
+    return float(chdtri(freedom, probability))
 
 
 def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: WatchConfig) -> SensorMonitor:

@@ -127,8 +127,8 @@ _TIMELESS = tuple(
         *("whole_way", "closed_loop", "excite", "new_command", "fault_injection", "scenes"),
     )
 )
-# A third one computes meanwhile: first what needs no kernels, or only its own (finite elements), until those of
-# the nodes are there, and what compiles the other variants of a step, which two would both compile.
+# A third one computes meanwhile: first what needs no kernels, or only its own (finite elements), until those
+# of the nodes are there, and what compiles the other variants of a step, which two would both compile.
 _ORDER = (
     *_NODES,
     _DEVICES,

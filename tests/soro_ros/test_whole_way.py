@@ -12,13 +12,11 @@ from tests.soro_ros.whole_way import ARMS, walk
 
 pytestmark = pytest.mark.process
 
-# As short as determines what the control needs; `make identify` goes the whole way with three arms. Half of the
-# rate halves the time that the nodes take.
-RATE = ("--set", "rate_hz=100")
-EXCITED = ("--stages", "singles,together,steps", "--levels", "2", "--duration", "45", *RATE)
+# As short as determines what the control needs; `make identify` goes the whole way with three arms.
+EXCITED = ("--stages", "singles,together,steps", "--levels", "2", "--duration", "45")
 IDENTIFIED = ("--laws", "none", "--starts", "1")
 # Its last 5 s are after the way up; wrong numbers are seen there before adaptation makes up for them.
-TRACKED = ("--set", "duration_s=8", *RATE)
+TRACKED = ("--set", "duration_s=8")
 
 
 def test_an_arm_whose_numbers_no_file_states_is_identified_and_controlled(

@@ -119,12 +119,13 @@ _COMPILES = "tests/soro_core/loop/test_closed_loop.py::test_the_main_job"
 _NODES = (_COMPILES, "tests/soro_core/twin/", "tests/soro_ros/")
 # Devices answer in real time too: another worker takes them all. Both workers wait more than they compute.
 _DEVICES = "tests/soro_hardware/"
-# What of ROS keeps no time: any worker takes it, a file at a time, so that all end together.
+# What of ROS keeps no time: any worker takes it, a file at a time, the long ones
+# first, so that all end together.
 _TIMELESS = tuple(
     f"tests/soro_ros/test_{name}.py"
     for name in (
-        *("convert", "extreme_messages", "film", "foreign_bags", "plot", "replay", "report", "probe"),
-        *("whole_way", "closed_loop", "excite", "new_command", "fault_injection", "scenes"),
+        *("whole_way", "closed_loop", "excite", "new_command", "fault_injection", "probe", "scenes"),
+        *("convert", "extreme_messages", "film", "foreign_bags", "plot", "replay", "report"),
     )
 )
 # A third one computes meanwhile: first what needs no kernels, or only its own (finite elements), until those

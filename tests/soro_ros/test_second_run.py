@@ -8,14 +8,11 @@ import sys
 import pytest
 
 from tests.patience import COMPILED_S, LIMIT_S
-from tests.soro_ros.arm_watch import ArmWatch
-from tests.soro_ros.running import SORO, end, only_run, start_run, summary
+from tests.soro_ros.running import SORO, ClockListener, end, only_run, start_run, summary
 
 pytestmark = pytest.mark.process
 
 BRIEF = ("mode=lockstep", "platform=", "duration_s=2")
-LONG = ("platform=", "duration_s=1000", "rate_hz=50", "twin.pose.rate_hz=50")
-LONG += ("limits.command_age_s=0.5", "limits.reading_age_s=0.5")
 
 
 def test_of_two_runs_that_start_together_one_goes_on_and_one_is_refused(domain, tmp_path):
@@ -38,21 +35,18 @@ def test_of_two_runs_that_start_together_one_goes_on_and_one_is_refused(domain, 
 
 @pytest.fixture(scope="module")
 def working(tmp_path_factory):
-    """A run that goes on until the test ends it; its process and its folder.
-
-    In real time: in lockstep it would take all of the machine. Its ages are those that a busy machine keeps.
-    """
+    """A run in lockstep that goes on until the test ends it; its process and its folder."""
     from tests.soro_ros.conftest import own_domain
 
     folder = tmp_path_factory.mktemp("working")
     with own_domain(tmp_path_factory.mktemp("state")):
-        watch = ArmWatch("track_circle", "twin")
-        process = start_run(folder, *LONG)
+        clock = ClockListener()
+        process = start_run(folder, "mode=lockstep", "platform=", "duration_s=1000")
         try:
-            watch.until(watch.under_control, "control of the arm", COMPILED_S)
+            clock.wait(1.0, COMPILED_S)
             yield process, folder
         finally:
-            watch.close()
+            clock.close()
             if process.poll() is None:
                 end(process)
     assert summary(only_run(folder))["faults"] == []

@@ -27,6 +27,16 @@ class Bound(NamedTuple):
 NO_BOUND = Bound("a bound", "")
 
 
+class Answers(NamedTuple):
+    """What the arm's answers to all pressures of a run say by the measurement of the probe, and the step."""
+
+    text: str
+    step: str
+
+
+NO_ANSWERS = Answers("", "")
+
+
 @dataclass(frozen=True)
 class Evidence:
     """What a run shows in its last 5 s. Lengths are parts of the arm's length, times seconds.
@@ -56,6 +66,8 @@ class Evidence:
         Part of the cycles of the loop that came too late.
     learns : bool
         Whether the law learns.
+    answers : Answers
+        Of the arm to the pressures of the whole run.
     """
 
     error: float
@@ -72,6 +84,7 @@ class Evidence:
     free: float = 0.0
     late: float = 0.0
     learns: bool = True
+    answers: Answers = NO_ANSWERS
 
 
 class PossibleCause(NamedTuple):
@@ -105,16 +118,17 @@ _OTHER_ARM = f"see that each chamber is where the file has it (soro hil first-pr
 
 CAUSES = (
     PossibleCause(
+        _says("controller", "of the force"),
+        _step(f"check valve, line and bellow of this chamber; where they are right, {_IDENTIFY}"),
+    ),
+    PossibleCause(lambda seen: seen.answers.text, lambda seen: seen.answers.step),
+    PossibleCause(
         _says("controller", "fallen over"),
         _step("a smaller load or curvature; soro reach shows what the pressures can hold"),
     ),
     PossibleCause(
         _says("controller", "elongation"),
         _step("a smaller load, curvature or pressure, or least_elongation of the link in the robot file"),
-    ),
-    PossibleCause(
-        _says("controller", "of the force"),
-        _step(f"check valve, line and bellow of this chamber; where they are right, {_IDENTIFY}"),
     ),
     PossibleCause(
         _says("estimator", NO_ESTIMATE),

@@ -12,7 +12,7 @@ from rich.console import Console
 from soro_lab.scene import load_scene
 from soro_ros.commands import run
 from soro_ros.recordings import report
-from soro_ros.recordings.causes import CAUSES, Bound, Evidence, end_of_commands, probable_cause
+from soro_ros.recordings.causes import CAUSES, Answers, Bound, Evidence, end_of_commands, probable_cause
 from soro_ros.recordings.events import Event, NodeStatus
 from soro_ros.recordings.evidence import evidence_of
 from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
@@ -20,12 +20,14 @@ from soro_ros.recordings.verdict import judge
 from soro_ros.run.end import End
 
 POOR = Evidence(error=0.05, good=0.02)
+SWAPPED = Answers("chambers are swapped: b acts as a", "swap the tubes")
 LIMIT = Bound("limits.maximum_pa, 90 kPa,", "state another one")
 # What each row of the table finds in, and words of its cause and of its next step.
 ROWS = [
+    ({"controller": "link0/chamber2 gives 0.58 of the force that its file says"}, "gives 0.58", "bellow"),
+    ({"answers": SWAPPED, "controller": "the arm has fallen over: vented"}, "swapped", "swap the tubes"),
     ({"controller": "the arm has fallen over: vented"}, "fallen over", "soro reach"),
     ({"controller": "no command: an elongation is near -1"}, "elongation", "least_elongation"),
-    ({"controller": "link0/chamber2 gives 0.58 of the force that its file says"}, "gives 0.58", "bellow"),
     ({"estimator": "no estimate: no good sample for 0.3 s"}, "no good sample", "sensors publish"),
     ({"controller": "no command: arm/state is of no arm"}, "no arm", "soro log"),
     ({"late": 0.03}, "3% of the cycles", "lockstep"),

@@ -207,18 +207,18 @@ def _all(numbers: Sequence[int], say: Callable[[str], None]) -> Iterator[Judged]
     """Yield the arms in their order; each core has one of them at a time."""
     with all_cores(), ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
         for number, found in zip(numbers, pool.map(judged, numbers), strict=True):
-            more = "".join(f"; {word}: {', '.join(of)}" for word, of in _beside(found) if of)
-            say(f"random arm {number}: {100 * found.found.error:.2f} %, {found.found.verdict.word}{more}")
+            causes = f"right: {', '.join(found.right)}; wrong: {', '.join(found.wrong)}"
+            say(f"random arm {number}: {100 * found.found.error:.2f} %, {found.found.verdict.word}; {causes}")
             yield found
-
-
-def _beside(found: Judged) -> Iterator[tuple[str, tuple[str, ...]]]:
-    yield from (("right", found.right), ("wrong", found.wrong))
 
 
 def run(options: Options) -> str:
     """Measure the first of the arms and return text and table."""
-    found = list(_all(range(1, options.pick(options.arms, 1) + 1), options.say))
+    return written(list(_all(range(1, options.pick(options.arms, 1) + 1), options.say)))
+
+
+def written(found: Sequence[Judged]) -> str:
+    """Return text and table of some arms."""
     errors = 100.0 * np.array([one.found.error for one in found])
     words = [one.found.verdict.word for one in found]
     middle, most, worst = np.quantile(errors, [0.5, 0.95, 1.0], method="lower")

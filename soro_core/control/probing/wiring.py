@@ -223,14 +223,15 @@ class WiringModel:
         return np.vstack(motions) @ inverse(arm.stiffness_matrix(q)), seen
 
     def _fit(self, rows: Sequence[_Rows], wiring: tuple[int, ...], changed: int = 0) -> WiringFit:
-        """Return the fit of a wiring; from state `changed` on, if it is not 0, with another load."""
+        """Return the fit of a wiring; with another load in state `changed`, if it is not 0, and after it."""
         n, most = self._arm.n_u, max(0.5 * self._heaviest_kg, _FIXED_KG)
+        extra = 2 if changed else 0
         columns = []
         for k, one in enumerate(rows):
             gains = [-one.pressed[j, wiring[j]] for j in range(n)]
-            later = [one.unknown[:, 1] * (k >= changed)] if changed else []
+            # The load may change in the middle of a state.
+            later = [one.unknown[:, 1] * now for now in (k == changed, k > changed)[:extra]]
             columns.append(np.column_stack([one.unknown, *gains, *later]))
-        extra = int(changed > 0)
         left = np.vstack([*columns, np.repeat([0.0, 1.0 / (n * _MEAN), 0.0], [4, n, extra])])
         right = np.append(-np.concatenate([one.known for one in rows]), 1.0 / _MEAN)
         mean = np.array([1.0, 0.0, 0.0, 0.0, *np.ones(n), *np.zeros(extra)])
@@ -252,7 +253,8 @@ class WiringModel:
         residual_part = float(np.sqrt(left_m / max(moved_m, _LEAST_M**2)))
         gain, of_gain = x[4 : 4 + n], covariance[4 : 4 + n, 4 : 4 + n]
         fitted = float(x[0]), float(x[1]), x[2:4], tilt_std, gain, of_gain
-        return WiringFit(wiring, cost, residual_part, *fitted, float(x[-1]) if changed else 0.0)
+        changed_kg = float(x[-2:][-1 if changed < len(rows) - 1 else 0]) if changed else 0.0
+        return WiringFit(wiring, cost, residual_part, *fitted, changed_kg)
 
 
 def _solve(left: Array, right: Array, mean: Array, std: Array) -> tuple[Array, Array, float]:

@@ -261,12 +261,13 @@ def small(standing, top_pa):
     return probe
 
 
-def read(probe, reading, noise_pa=100.0):
-    """The end of a probe whose readings are a function of the set point, with noise and steps of 100 Pa."""
-    state, zero, rng = probe.initial_state(), np.zeros(3), np.random.default_rng(1)
+def read(standing, top_pa, reading):
+    """The end of a probe of an arm that rests; readings follow the set point, in noisy steps of 100 Pa."""
+    probe, zero, rng = small(standing, top_pa), np.zeros(3), np.random.default_rng(1)
+    state, rest = probe.initial_state(), stable_equilibrium(standing.arm, zero, None, 0.0)
     for k in range(3000):
-        pressure = reading(state.setpoint_pa) + noise_pa * rng.standard_normal(3)
-        state = probe.step(state, ProbeSample(5e-3 * k, zero, zero, 100.0 * np.round(pressure / 100.0)))
+        pressure = reading(state.setpoint_pa) + 100.0 * rng.standard_normal(3)
+        state = probe.step(state, ProbeSample(5e-3 * k, rest, zero, 100.0 * np.round(pressure / 100.0)))
         if state.done:
             break
     return state
@@ -276,16 +277,16 @@ def read(probe, reading, noise_pa=100.0):
 def test_a_dead_and_a_weak_valve_are_named_at_small_pressures_and_the_play_of_a_good_one_is_not(
     standing, top_pa
 ):
-    probe, half = small(standing, top_pa), 0.5 * standing.pressures.play_pa
+    half = 0.5 * standing.pressures.play_pa
     assert half == 450.0
     for part in (0.0, 0.3):
-        state = read(probe, lambda set_pa, part=part: part * np.maximum(set_pa - half, 0.0))
+        state = read(standing, top_pa, lambda set_pa, part=part: part * np.maximum(set_pa - half, 0.0))
         assert f"link0/chamber0 reads {1e-3 * part * (top_pa - half):.1f} kPa at a set point" in state.refusal
-    assert "reads" not in read(probe, lambda set_pa: np.maximum(set_pa - half, 0.0)).said
+    assert "reads" not in read(standing, top_pa, lambda set_pa: np.maximum(set_pa - half, 0.0)).said
 
 
 def test_a_pressure_within_the_play_of_a_valve_says_that_nothing_is_judged(standing):
-    state = read(small(standing, 500.0), lambda set_pa: 0.0 * set_pa)
+    state = read(standing, 500.0, lambda set_pa: 0.0 * set_pa)
     assert state.refusal == ""
     assert "the highest pressure of link0/chamber0, 0.5 kPa, is within the play of its valve" in state.said
 

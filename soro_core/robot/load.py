@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from soro_core.config import find_config, parse, read_yaml
-from soro_core.csv_rows import read_matrix
 from soro_core.errors import ConfigError
+from soro_core.files.csv_rows import read_matrix
 from soro_core.robot.bases import BASES
 from soro_core.robot.collapse import collapsing
 from soro_core.robot.description import Robot

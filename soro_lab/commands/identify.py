@@ -208,7 +208,7 @@ def identify(
 
 
 def _read(paths: list[Path], columns: list[str], robot: Robot | None) -> list[Recording]:
-    from soro_core.csv_rows import ENDINGS
+    from soro_core.files.csv_rows import ENDINGS
     from soro_lab.identification.recording import read_bag, read_csv
 
     tables = [path for path in paths if path.suffix.lower() in ENDINGS]

@@ -28,13 +28,17 @@ NO_BOUND = Bound("a bound", "")
 
 
 class Answers(NamedTuple):
-    """What the arm's answers to all pressures of a run say by the measurement of the probe, and the step."""
+    """What the arm's answers to all pressures of a run say by the measurement of the probe, and the step.
 
-    text: str
-    step: str
+    A probe refuses what is `grave`, and warns of the rest.
+    """
+
+    text: str = ""
+    step: str = ""
+    grave: bool = False
 
 
-NO_ANSWERS = Answers("", "")
+NO_ANSWERS = Answers()
 
 
 @dataclass(frozen=True)
@@ -117,11 +121,14 @@ _IDENTIFY = "soro excite, soro identify, then the same run with the file that th
 _OTHER_ARM = f"see that each chamber is where the file has it (soro hil first-pressure); then {_IDENTIFY}"
 
 CAUSES = (
+    # To a law a chamber that acts as another one looks weak.
+    PossibleCause(
+        lambda seen: seen.answers.text if seen.answers.grave else "", lambda seen: seen.answers.step
+    ),
     PossibleCause(
         _says("controller", "of the force"),
         _step(f"check valve, line and bellow of this chamber; where they are right, {_IDENTIFY}"),
     ),
-    PossibleCause(lambda seen: seen.answers.text, lambda seen: seen.answers.step),
     PossibleCause(
         _says("controller", "fallen over"),
         _step("a smaller load or curvature; soro reach shows what the pressures can hold"),
@@ -198,6 +205,7 @@ CAUSES = (
         ),
         _step("look for an obstacle, a cable or a hose that it touches there"),
     ),
+    PossibleCause(lambda seen: seen.answers.text, lambda seen: seen.answers.step),
     PossibleCause(
         _says("estimator", "ms late"),
         _step(f"check when the source stamps them; where that is right, {_OTHER_ARM}"),

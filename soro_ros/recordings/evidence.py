@@ -11,10 +11,10 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_lab.scene import Scene
 from soro_ros.recordings import report
-from soro_ros.recordings.causes import NO_ANSWERS, Answers, Bound, Evidence
+from soro_ros.recordings.causes import Bound, Evidence
 from soro_ros.recordings.events import warnings_at
 from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
-from soro_ros.recordings.wiring_of_run import wiring_finding
+from soro_ros.recordings.wiring_of_run import wiring_answers
 
 # Samples a second in which a swing is looked for; frequencies [Hz] below which it is the reference's motion.
 _RATE_HZ, _SLOW_HZ = 100.0, 0.6
@@ -52,7 +52,6 @@ def evidence_of(recording: RunRecording, scene: Scene, summary: report.Summary) 
     at_bound, bounded = summary.saturated_last_part, command
     if summary.saturated_part > max(scene.verdict.at_bound_part, at_bound):
         at_bound, bounded = summary.saturated_part, report.within(recording.command, end_s)
-    answers = wiring_finding(recording, scene)
     return Evidence(
         error=summary.tip_error_last_rms_m / length,
         good=good,
@@ -68,7 +67,7 @@ def evidence_of(recording: RunRecording, scene: Scene, summary: report.Summary) 
         free=float(np.mean(error[last] < 0.5 * good * length)) if last.any() else 0.0,
         late=summary.overruns / ticks if scene.mode == "real_time" and ticks else 0.0,
         learns=scene.controller.adapt,
-        answers=NO_ANSWERS if answers is None else Answers(answers.text, answers.step),
+        answers=wiring_answers(recording, scene),
     )
 
 

@@ -7,19 +7,20 @@ from collections.abc import Iterator
 import numpy as np
 
 from soro_core.adaptation.config import mass_prior
-from soro_core.control.probing.findings import FAIL, ProbeFinding, judge_answers
+from soro_core.control.probing.findings import FAIL, judge_answers
 from soro_core.control.probing.wiring import HeldState, WiringModel
 from soro_core.errors import ModelError
 from soro_core.model.discretised import discretised
 from soro_lab.scene import Scene
+from soro_ros.recordings.causes import NO_ANSWERS, Answers
 from soro_ros.recordings.recording import RunRecording
 
 # Number of windows of a run, the length of each [s], and their fewest samples.
 _WINDOWS, _WINDOW_S, _SAMPLES = 40, 0.2, 8
 
 
-def wiring_finding(recording: RunRecording, scene: Scene) -> ProbeFinding | None:
-    """Return what the arm's answers to all pressures of a run say; None where they are those of its file.
+def wiring_answers(recording: RunRecording, scene: Scene) -> Answers:
+    """Return what the arm's answers to all pressures of a run say; nothing where they are those of its file.
 
     Parameters
     ----------
@@ -28,17 +29,17 @@ def wiring_finding(recording: RunRecording, scene: Scene) -> ProbeFinding | None
     """
     robot = scene.loaded_robot
     if recording.estimated_state.t.size < _SAMPLES or recording.reading.names != robot.chamber_names:
-        return None
+        return NO_ANSWERS
     arm = discretised(robot, scene.controller_node().model)
     states = list(_held_states(recording))
     if len(states) < _WINDOWS // 2 or states[0].q.size != arm.n_q:
-        return None
+        return NO_ANSWERS
     model = WiringModel(arm, mass_prior(arm)[2])
     try:
         found = judge_answers(model, robot.chamber_names, states, whole_run=True)
     except (ModelError, np.linalg.LinAlgError):
-        return None
-    return next((one for one in found if one.level == FAIL), None)
+        return NO_ANSWERS
+    return Answers(found[0].text, found[0].step, found[0].level == FAIL) if found else NO_ANSWERS
 
 
 def _held_states(recording: RunRecording) -> Iterator[HeldState]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
+from soro_core.linear import inverse
 from soro_core.robot import Robot
 from soro_hardware.finding import Finding, Level
 from soro_hardware.hil.measured import PressureHold
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from soro_core.model import SoftArm
 
 COMPASS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
+# Steps to the shape whose tip is at a place; each solves the problem for the slope of now.
 _STEPS = 20
 _LEVELS: dict[str, Level] = {"warn": "warn", "fail": "fail", "stop": "fail"}
 
@@ -62,12 +64,13 @@ class Bending:
         last = {hold.chamber: hold for hold in holds}.values()
         if not last:
             return []
-        if any(hold.moved_m is None for hold in last):
+        moved = [hold.moved_m for hold in last if hold.moved_m is not None]
+        if len(moved) < len(last):
             return [Finding("bends", "warn", "no pose of the tip received", "give --pose TOPIC, or --ask")]
         none, pressure = np.zeros(self.arm.n_q), np.zeros((len(last), self.arm.n_u))
         pressure[:, list(self.chambers)] = [hold.level_pa for hold in last]
         try:
-            shapes = [self.rest, *(self._shape(hold.moved_m) for hold in last)]
+            shapes = [self.rest, *map(self._shape, moved)]
             levels = [np.zeros(self.arm.n_u), *pressure]
             states = [HeldState(q, none, none, p) for q, p in zip(shapes, levels, strict=True)]
             model = WiringModel(self.arm, mass_prior(self.arm)[2])
@@ -79,10 +82,10 @@ class Bending:
             return [Finding("bends", "ok", "each chamber moves the tip as the robot file says")]
         return [Finding("bends", _LEVELS[one.level], one.text, one.step) for one in found]
 
-    def _shape(self, moved_m: Array | None) -> Array:
+    def _shape(self, moved_m: Array) -> Array:
         """Return the coordinates (n_q,) of least elastic energy whose tip has moved so from rest."""
         arm, q = self.arm, self.rest
-        soft = np.linalg.inv(arm.stiffness_matrix(np.zeros(arm.n_q)))
+        soft = inverse(arm.stiffness_matrix(np.zeros(arm.n_q)))
         wanted = arm.pose(q, arm.length)[:3, 3] + moved_m
         for _ in range(_STEPS):
             pose, jacobian = arm.pose_and_jacobian(q, arm.length)

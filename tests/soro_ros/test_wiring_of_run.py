@@ -35,6 +35,7 @@ def test_a_run_with_other_wiring_is_lost_and_its_cause_named(tmp_path, change, w
     assert "next: swap the tubes" in found.reason
 
 
+@pytest.mark.slow
 def test_uneven_chambers_that_the_law_does_not_name_are_the_cause():
     """A standing arm that they hold on one side: to the law this looks like a force."""
     found = mismatched_arms.judged(3)

@@ -31,6 +31,10 @@ _ELASTIC, _PRESSED, _SEEN = 0.003, 0.02, 1.5e-3
 _SOFT, _GAIN, _TILT, _MEAN = 0.3, 0.3, 0.3, 0.02
 # Least stiffness, by that of the file, for what a tilt does.
 _SOFTEST = 0.3
+# Of fewer states a load that changes explains any.
+_LEAST_STATES = 5
+# Error of a load that has changed, as a part of the heaviest.
+_LOAD_PART = 0.1
 # Difference [rad] for the derivative by the tilt.
 _STEP = 1e-3
 # Sum of squares for each state from which on deviations are larger.
@@ -157,13 +161,23 @@ class WiringModel:
                 between()
                 rows.append(self._rows(state, stiffness, load_kg))
             own = tuple(range(self._arm.n_u))
-            changes = [] if same_load else [(own, k) for k in range(1, len(states))]
+            told = not same_load and len(states) >= _LEAST_STATES
+            changes = [(own, k) for k in range(1, len(states))] if told else []
             for wiring, changed in (*((one, 0) for one in self._wirings()), *changes):
                 between()
-                fits.append(self._fit(rows, wiring, changed))
+                fit = self._fit(rows, wiring, changed)
+                if not changed or self._is_possible(fit):
+                    fits.append(fit)
             fits.sort(key=lambda fit: fit.cost)
             stiffness, load_kg = max(fits[0].stiffness, _SOFTEST), fits[0].load_kg
         return fits
+
+    def _is_possible(self, fit: WiringFit) -> bool:
+        """Whether an arm can be as soft as this, and carry the load that has changed."""
+        doubt_kg = _LOAD_PART * self._heaviest_kg
+        return fit.stiffness >= _SOFTEST and (
+            -doubt_kg <= fit.load_kg + fit.changed_kg <= self._heaviest_kg + doubt_kg
+        )
 
     def _wirings(self) -> Iterator[tuple[int, ...]]:
         """Yield the wiring of the file, each swap of two, and the chambers of links rotated by one."""

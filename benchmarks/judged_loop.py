@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -35,6 +36,16 @@ class Outcome:
         return "; ".join(note.partition(": ")[2] for note in self.verdict.notes)
 
 
+def ticks_of(scene: Scene) -> Iterator[Tick[Any, Any]]:
+    """Run the loop of a scene in lockstep, without ROS."""
+    changes: dict[str, Any] = {"pressures": "regulators", "plant_link": ""}
+    if scene.loaded_platform:
+        changes["regulator"] = scene.loaded_platform.regulator
+    twin = Twin(scene.loaded_robot, with_changes(scene.twin_node(), **changes))
+    ticks = round(scene.duration_s * scene.rate_hz)
+    return loop_of(scene).run(twin, ticks, twin.dt, before_s=-twin.dt)
+
+
 def outcome(scene: Scene) -> Outcome:
     """Run the loop of a scene and judge it."""
     return judged(*recorded(scene), scene)
@@ -51,15 +62,10 @@ def judged(recording: RunRecording, end: End, scene: Scene) -> Outcome:
 
 def recorded(scene: Scene) -> tuple[RunRecording, End]:
     """Run the loop of a scene; return what a recording of it has, and how it ended."""
-    changes: dict[str, Any] = {"pressures": "regulators", "plant_link": ""}
-    if scene.loaded_platform:
-        changes["regulator"] = scene.loaded_platform.regulator
-    twin = Twin(scene.loaded_robot, with_changes(scene.twin_node(), **changes))
     ticks: list[Tick[Any, Any]] = []
     end = End()
     try:
-        n = round(scene.duration_s * scene.rate_hz)
-        for tick in loop_of(scene).run(twin, n, twin.dt, before_s=-twin.dt):
+        for tick in ticks_of(scene):
             ticks.append(tick)
     except SoroError as error:  # the plant of a lost arm has no step any more
         end = End(1, str(error))

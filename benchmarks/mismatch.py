@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import mismatched_arms
-from benchmarks.judged_loop import Outcome, outcome
+from benchmarks.judged_loop import Outcome, outcome, ticks_of
 from benchmarks.mismatched_robots import (
     four_chambers,
     four_uneven,
@@ -23,6 +24,9 @@ from benchmarks.mismatched_robots import (
 )
 from benchmarks.options import Options
 from benchmarks.report import table
+from soro_core.adaptation.kept import KeptNumbers, keep
+from soro_core.config import with_changes
+from soro_core.loop import Tick
 from soro_core.robot import Robot, load_robot
 from soro_lab.scene import Scene, load_scene
 from soro_ros.recordings.report import WINDOW_S
@@ -107,6 +111,14 @@ CASES = (
 )
 
 
+KEPT = (
+    *(case for case in CASES if "slope -2" in case.name or "30 kPa" in case.name or "four" in case.name),
+    Case("hanging, as its file", 0.005, lambda robot: robot, {**HANGING, **EMPTY}),
+)
+OPENING_S = (2.0, 4.0)
+SPANS = ("0 to 2 s", "2 to 4 s")
+
+
 def scene_of(case: Case, law: str, seed: int, folder: Path) -> Scene:
     """Return the scene of a case; the files of robot and plant stand in a folder."""
     keys = {"platform": "", "mode": "lockstep", "duration_s": 12.0, "controller.gains": "auto", **case.keys}
@@ -119,6 +131,38 @@ def scene_of(case: Case, law: str, seed: int, folder: Path) -> Scene:
     plant = write_robot(case.truth(robot), folder / "plant.yaml", {"based_on": "robot.yaml"})
     keys |= {"robot": base, "twin.plant": plant, "controller.law": law, "seed": seed}
     return load_scene(case.scene, keys)
+
+
+def square_of(tick: Tick[Any, Any]) -> float:
+    """Return the square of the tip error [m^2]."""
+    missed = tick.seen.tip[:3, 3] - tick.command.tip_reference[:3, 3]
+    return float(missed @ missed)
+
+
+def opening(scene: Scene) -> tuple[list[float], KeptNumbers]:
+    """Return the RMS of the tip error, part of the length, in two spans, and what was kept at the end."""
+    squares = []
+    for tick in ticks_of(scene):
+        squares.append(square_of(tick))
+    kept = keep(scene.loaded_robot, tick.command.estimates, tick.command.deviations())
+    cuts = [round(t * scene.rate_hz) for t in (0.0, *OPENING_S)]
+    means = [float(np.mean(squares[a:b])) for a, b in pairwise(cuts)]
+    return [float(np.sqrt(mean)) / scene.loaded_robot.length for mean in means], kept
+
+
+def kept_rows(options: Options) -> list[list[object]]:
+    """Return the first seconds of a run alone, and started from what an earlier one has learned."""
+    rows = []
+    for case in options.pick(KEPT, KEPT[:1]):
+        options.say(f"{case.name}, kept")
+        with TemporaryDirectory() as folder:
+            scene = scene_of(case, "composite", 1, Path(folder))
+            _, kept = opening(scene)
+            again = with_changes(scene, seed=2, duration_s=OPENING_S[-1])
+            found = [opening(one)[0] for one in (again, again.with_learned(kept))]
+        row = (f"{100 * value:.2f}" for pair in zip(*found, strict=True) for value in pair)
+        rows.append([case.name, *row])
+    return rows
 
 
 def measured(case: Case, law: str, seed: int) -> Outcome:
@@ -152,6 +196,12 @@ def run(options: Options) -> str:
             f"{', '.join(map(str, seeds))}; the verdict is that of `soro run`, the notes are the last ones "
             "of the first seed.",
             table(head, rows),
+            "Alone, and started from what an earlier run of 12 s has learned (`--learn-from`): tip error "
+            "RMS, % of the length, `composite`, seed 2, the earlier run seed 1.",
+            table(
+                ["case", *(f"{span}, {how}" for span in SPANS for how in ("alone", "started"))],
+                kept_rows(options),
+            ),
             "### Random arms",
             mismatched_arms.run(options),
         ]

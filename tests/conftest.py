@@ -117,15 +117,19 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 # compiles their kernels.
 _COMPILES = "tests/soro_core/loop/test_closed_loop.py::test_the_main_job"
 _NODES = (_COMPILES, "tests/soro_core/twin/", "tests/soro_ros/")
-# Devices answer in real time too, and wait more than they compute: another worker takes them all.
+# Devices answer in real time too: another worker takes them all. Both workers wait more than they compute.
 _DEVICES = "tests/soro_hardware/"
-# Long runs of nodes that keep no time: any worker takes them, a file at a time, so that all end together.
-_LOCKSTEP = tuple(
+# What of ROS keeps no time: any worker takes it, a file at a time, the long ones
+# first, so that all end together.
+_TIMELESS = tuple(
     f"tests/soro_ros/test_{name}.py"
-    for name in ("whole_way", "closed_loop", "excite", "new_command", "fault_injection", "scenes")
+    for name in (
+        *("whole_way", "closed_loop", "excite", "new_command", "fault_injection", "probe", "scenes"),
+        *("convert", "extreme_messages", "film", "foreign_bags", "plot", "replay", "report"),
+    )
 )
-# A third one computes meanwhile: first what needs no kernels, or only its own (finite elements), until
-# those of the nodes are there, and what compiles the other variants of a step, which two would both compile.
+# A third one computes meanwhile: first what needs no kernels, or only its own (finite elements), until those
+# of the nodes are there, and what compiles the other variants of a step, which two would both compile.
 _ORDER = (
     *_NODES,
     _DEVICES,
@@ -138,7 +142,7 @@ _ORDER = (
     "tests/soro_core/integrate/",
     "tests/soro_core/model/",
     "",
-    *_LOCKSTEP,
+    *_TIMELESS,
     "tests/benchmarks/",
 )
 
@@ -168,7 +172,7 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> Any:
         def _split_scope(self, nodeid: str) -> str:
             if nodeid.startswith(_DEVICES):
                 return "devices"
-            in_real_time = nodeid.startswith(_NODES) and not nodeid.startswith(_LOCKSTEP)
+            in_real_time = nodeid.startswith(_NODES) and not nodeid.startswith(_TIMELESS)
             return "nodes" if in_real_time else nodeid.split("::")[0]
 
     config.option.loadscopereorder = False  # keeps `_ORDER`
@@ -183,4 +187,4 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     keeps_time = item.nodeid.startswith((*_NODES, _DEVICES))
     if "PYTEST_XDIST_WORKER" in os.environ and not keeps_time and _NICE not in item.config.stash:
         item.config.stash[_NICE] = True
-        os.nice(5)
+        os.nice(10)

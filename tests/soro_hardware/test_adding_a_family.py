@@ -69,6 +69,8 @@ def test_soro_runs_an_arm_on_it(path, package, tmp_path):
         f"platform={path}",
         "--set",
         "duration_s=2",
+        "--set",
+        "controller.probe_at_enable=off",  # it takes seconds, and knows no family
         "--no-figure",
     ]
     done = subprocess.run(

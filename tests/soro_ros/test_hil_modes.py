@@ -13,7 +13,7 @@ from tests.soro_ros.running import run, summary, wait_until
 
 pytestmark = pytest.mark.process
 
-PATIENT = ("limits.command_age_s=0.5", "limits.reading_age_s=0.5", "twin.payload_kg=0.0")
+PATIENT = ("limits.command_age_s=0.5", "limits.reading_age_s=0.5", "twin.payload_kg=0.0", "twin.refine=1")
 
 
 @pytest.fixture
@@ -57,7 +57,9 @@ def test_a_real_arm_with_its_shadow(domain, alone, tmp_path, valves, figure):
     # The real arm is a second twin, stiffer than the model of controller and estimator.
     command = [sys.executable, "-m", "soro_ros.nodes.twin", "--ros-args", "-r", "__ns:=/track_circle"]
     command += ["-r", "__node:=arm", "-p", "pressures:=valves", "-p", f"plant_link:={plant}"]
-    arm = processes.start("arm", [*command, "-p", "stiffness_scale:=1.5"], tmp_path / "devices")
+    arm = processes.start(
+        "arm", [*command, "-p", "stiffness_scale:=1.5", "-p", "refine:=1"], tmp_path / "devices"
+    )
     try:
         status, output, folder = run(tmp_path / "runs", *real(valves, "arm=real"))
     finally:

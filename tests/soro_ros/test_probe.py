@@ -30,6 +30,7 @@ def wired_wrong(folder):
 @pytest.mark.parametrize(("how", "begins"), [("refuse", False), ("warn", True)])
 def test_a_run_in_lockstep_names_swapped_chambers_before_its_law_begins(domain, tmp_path, how, begins):
     changes = ("platform=", "mode=lockstep", "duration_s=8.5", "twin.refine=2", "twin.payload_kg=0.0")
+    changes += ("rate_hz=100",)  # half of the ticks of the scene
     changes += (f"twin.plant={wired_wrong(tmp_path)}", f"controller.probe_at_enable={how}")
     status, output, _ = run(tmp_path / "runs", *changes)
     assert status == (0 if begins else 1)  # the law has had a second

@@ -108,6 +108,7 @@ class ArmListener:
 # Deadlines of the loop that a busy machine keeps.
 AGES = ("limits.command_age_s=0.5", "limits.reading_age_s=0.5")
 PATIENT = ("platform=", "duration_s=600", "rate_hz=50", "twin.pose.rate_hz=50", *AGES)
+PATIENT += ("controller.probe_at_enable=off",)  # it takes seconds
 
 
 @pytest.fixture

@@ -42,6 +42,7 @@ class Suite(ArmWatch):
         loop = {"rate_hz": 50.0}
         ages = {"limits.command_age_s": 0.5, "limits.reading_age_s": 0.5}
         reference = {"control.reference.kind": "circle", "control.reference.start_s": 0.5}
+        reference["control.probe_at_enable"] = "'off'"  # it takes seconds at each enable
         self._settings = {
             "twin": {**loop, "pressures": "valves", "plant_link": plant, "pose.rate_hz": 50.0, "refine": 1},
             "estimator": {**loop, "filter.lost_after_s": 1.0, "backbone_rate_hz": 0.0},

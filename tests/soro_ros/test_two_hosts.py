@@ -27,6 +27,7 @@ _CONTROLLER = (
     "state_age_s:=0.4",
     "control.reference.kind:=circle",
     "control.reference.start_s:=0.5",
+    "control.probe_at_enable:='off'",
 )
 
 

@@ -10,7 +10,8 @@ import pytest
 
 from tests.soro_ros.whole_way import ARMS, walk
 
-pytestmark = pytest.mark.process
+# Its commands compute for minutes beside workers of a higher priority.
+pytestmark = [pytest.mark.process, pytest.mark.timeout(600)]
 
 # As short as determines what the control needs; `make identify` goes the whole way with three arms.
 EXCITED = ("--stages", "singles,together,steps", "--levels", "2", "--duration", "45")

@@ -86,7 +86,7 @@ def bench(
     with_peer: Annotated[bool, typer.Option("--peer/--no-peer", help="measure soromox too")] = True,
     quick: Annotated[bool, typer.Option(help="smallest settings: for tests, not for figures")] = False,
     seeds: Annotated[int, typer.Option(min=1, help="control, mismatch: seeds of each case")] = 5,
-    arms: Annotated[int, typer.Option(min=1, help="control: random arms")] = 100,
+    arms: Annotated[int, typer.Option(min=1, help="control, mismatch: random arms")] = 100,
 ) -> None:
     """Measure, and write RESULTS.md."""
     names = running.chosen(only, SECTIONS)

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core.arrays import Array
 from soro_core.pneumatics.regulator import RegulatorModel, initial_state, step, vent_time
 from soro_hardware.doctor import check_offsets
 from soro_hardware.finding import Finding
+from soro_hardware.hil.bending import Bending
 from soro_hardware.hil.measured import PressureHold, RestReadings, Vent
 
 # Largest error of a level: absolute [Pa], plus a part of the set point.
@@ -23,8 +23,6 @@ CROSSTALK_PA, CROSSTALK_PART = 400.0, 0.05
 DRIFT_PA_S, DRIFT_ERRORS = 300.0, 5.0
 # Longest time of a rise or a vent: this factor of the model's, plus a constant [s].
 SLOWER, SLOWER_S = 2.5, 0.05
-# Least motion of the tip, as a part of the model's and absolute [m], and largest error of its direction.
-MOVED_PART, MOVED_M, ANGLE_DEG = 0.2, 5e-4, 35.0
 
 _TRIPS = {
     "over-pressure": "the valve lets the supply through, or the scale is wrong: supply off, then look",
@@ -39,22 +37,6 @@ _TRIPS = {
     "implausible": "check the sensor's zero and scale; a slow valve needs its lag in the platform file",
     "readings lost": "check the bus: soro doctor",
 }
-
-
-@dataclass(frozen=True)
-class Bending:
-    """Motion of the tip by the model.
-
-    Attributes
-    ----------
-    expected_m : ndarray (n, m, 2)
-        Displacement of the tip normal to the axis of the base, with chamber n alone at step m [m].
-    across : ndarray (2, 3)
-        x and y axes of the base frame in the world.
-    """
-
-    expected_m: Array
-    across: Array
 
 
 @dataclass(frozen=True)
@@ -117,8 +99,6 @@ def judge_holds(expected: Expectation, holds: Sequence[PressureHold]) -> list[Fi
     if findings[1].level != "fail":
         findings += [_level(expected, holds), _drift(expected, holds)]
     findings.append(_others(expected, holds))
-    if expected.bending is not None:
-        findings.append(_bends(expected, expected.bending, holds))
     return findings
 
 
@@ -232,34 +212,3 @@ def _others(expected: Expectation, holds: Sequence[PressureHold]) -> Finding:
     if abs(last.level_pa[n]) > CROSSTALK_PA + CROSSTALK_PART * last.setpoint_pa:
         return Finding(name, "fail", f"crosstalk: {found}", "chambers or lines are connected, or swapped")
     return Finding(name, "ok", f"at most: {found}")
-
-
-def _bends(expected: Expectation, bending: Bending, holds: Sequence[PressureHold]) -> Finding:
-    """Return whether the arm bends as its model; if not, the chamber whose motion it shows."""
-    last, k = holds[-1], holds[-1].chamber
-    name = f"{expected.names[k]}: bends"
-    if last.moved_m is None:
-        return Finding(name, "warn", "no pose of the tip received", "give --pose TOPIC, or --ask")
-    m = expected.steps_pa.index(last.setpoint_pa)
-    moved, model = bending.across @ last.moved_m, bending.expected_m[:, m]
-    way, wanted = float(np.linalg.norm(moved)), float(np.linalg.norm(model[k]))
-    if wanted < MOVED_M:
-        return Finding(name, "ok", f"the tip hardly moves at {last.setpoint_pa / 1e3:g} kPa, as expected")
-    if way < max(MOVED_PART * wanted, MOVED_M):
-        found = f"does not bend: the tip moves by {way * 1e3:.1f} mm, expected {wanted * 1e3:.1f} mm"
-        return Finding(
-            name, "fail", found, "the line is off behind the sensor, or the chamber is not in the arm"
-        )
-    off = [_angle_deg(moved, row) for row in model]
-    found = f"tip {way * 1e3:.1f} mm, {off[k]:.0f} deg off the model's {wanted * 1e3:.1f} mm"
-    if off[k] <= ANGLE_DEG:
-        return Finding(name, "ok", found)
-    n = int(np.argmin(off))
-    if off[n] <= ANGLE_DEG:
-        text = f"swapped: {found}; it bends as {expected.names[n]} should ({off[n]:.0f} deg)"
-        return Finding(name, "fail", text, "lines are swapped: platform file, then tubes")
-    return Finding(name, "fail", f"wrong direction: {found}", "frame of the pose sensor, or the robot file")
-
-
-def _angle_deg(a: Array, b: Array) -> float:
-    return math.degrees(abs(math.atan2(a[0] * b[1] - a[1] * b[0], float(a @ b))))

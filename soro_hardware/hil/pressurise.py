@@ -7,16 +7,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
+from soro_hardware.hil.bending import bending_of
 from soro_hardware.hil.first_pressure import advance, interrupted
-from soro_hardware.hil.judge import Bending, Expectation, judge_trip
+from soro_hardware.hil.judge import Expectation, judge_trip
 from soro_hardware.hil.paced import CycleSample, PacedRegulator
 from soro_hardware.hil.plan import FirstPressureConfig, HilPlan, Order, ProcedureState
 from soro_hardware.platform import PlatformBase
-
-COMPASS = ("+x", "+x +y", "+y", "-x +y", "-x", "-x -y", "-y", "+x -y")
 
 
 def expectation(
@@ -48,19 +46,8 @@ def expectation(
         top = f"set points up to the platform's {platform.range.maximum_pa:g} Pa"
         raise ConfigError("first pressurisation", "steps_pa", config.steps_pa[-1], top)
     names, response = platform.chamber_names, platform.regulator
-    bending = None if robot is None else _bending(robot, names, config.steps_pa)
+    bending = None if robot is None else bending_of(robot, names, config.steps_pa)
     return Expectation(names, config.steps_pa, response, config.rise_pa_s, 1.0 / update_hz, bending)
-
-
-def directions(expected: Expectation) -> tuple[str, ...]:
-    """Return the direction of the tip in the base frame for each chamber, as text; empty without a robot."""
-    if expected.bending is None:
-        return ()
-    angles = [np.arctan2(row[-1, 1], row[-1, 0]) for row in expected.bending.expected_m]
-    return tuple(
-        f"{COMPASS[round(angle / (np.pi / 4)) % 8]} of the base frame ({np.degrees(angle) % 360:.0f} deg)"
-        for angle in angles
-    )
 
 
 def pressurise(
@@ -111,27 +98,10 @@ def pressurise(
                 state = interrupted(plan, state, f"the limiter stays vented: {refusal}")
         if order.question:
             ask(order.question)
+    # With all set points at 0: this takes longer than a cycle.
+    if (bending := plan.expected.bending) is not None and not plan.directions:
+        state = replace(state, findings=(*state.findings, *bending.findings(state.holds)))
     if regulator.lost is None or state.tripped:
         return state
     # During a commanded vent no trip reports lost devices.
     return replace(state, findings=(*state.findings, judge_trip("devices", regulator.lost)))
-
-
-def _bending(robot: Robot, names: tuple[str, ...], steps_pa: tuple[float, ...]) -> Bending:
-    """Return the displacement of the model's tip with each chamber alone."""
-    # Imported here: without a robot no kernel is compiled.
-    from soro_core.model.equilibrium.statics import equilibrium
-    from soro_core.model.soft_arm import SoftArm
-    from soro_core.rotation import matrix_from_quaternion
-
-    if set(robot.chamber_names) != set(names):
-        raise ConfigError(robot.name, "chambers", ", ".join(robot.chamber_names), ", ".join(names))
-    arm = SoftArm(robot)
-
-    def tip(pressure: Array) -> Array:
-        return np.asarray(arm.pose(equilibrium(arm, pressure), robot.length)[:3, 3])
-
-    rest, order = tip(np.zeros(arm.n_u)), [robot.chamber_names.index(name) for name in names]
-    across = matrix_from_quaternion(np.array(robot.base_quaternion))[:, :2].T
-    expected = [[across @ (tip(p * np.eye(arm.n_u)[n]) - rest) for p in steps_pa] for n in order]
-    return Bending(np.array(expected), across)

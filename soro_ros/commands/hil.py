@@ -68,7 +68,7 @@ def first_pressure(
     from soro_hardware.hil import report
     from soro_hardware.hil.paced import CycleSample, PacedRegulator, small_limits
     from soro_hardware.hil.plan import FirstPressureConfig, HilPlan
-    from soro_hardware.hil.pressurise import directions, expectation, pressurise
+    from soro_hardware.hil.pressurise import expectation, pressurise
 
     if (pose or ask) and not robot:
         raise ConfigError("soro hil", "--robot", "", "a robot file or name, which --pose and --ask need")
@@ -84,7 +84,8 @@ def first_pressure(
     regulator = regulator_of(loaded, platform, device, lockstep)
     limits = small_limits(loaded, config.steps_pa[-1], config.rise_pa_s)
     expected = expectation(loaded, regulator.update_hz, config, _robot(robot))
-    plan = HilPlan(config, expected, confirm=not yes, directions=directions(expected) if ask else ())
+    ways = expected.bending.directions() if ask and expected.bending is not None else ()
+    plan = HilPlan(config, expected, confirm=not yes, directions=ways)
     samples: list[CycleSample] = []
     most, trip = limits.maximum_pa / 1e3, limits.over_pressure_pa / 1e3
     typer.echo(f"limits: set points up to {most:g} kPa, trip above {trip:g} kPa; Ctrl-C vents", err=True)

@@ -27,6 +27,20 @@ class Bound(NamedTuple):
 NO_BOUND = Bound("a bound", "")
 
 
+class Answers(NamedTuple):
+    """What the arm's answers to all pressures of a run say by the measurement of the probe, and the step.
+
+    A probe refuses what is `grave`, and warns of the rest.
+    """
+
+    text: str = ""
+    step: str = ""
+    grave: bool = False
+
+
+NO_ANSWERS = Answers()
+
+
 @dataclass(frozen=True)
 class Evidence:
     """What a run shows in its last 5 s. Lengths are parts of the arm's length, times seconds.
@@ -56,6 +70,8 @@ class Evidence:
         Part of the cycles of the loop that came too late.
     learns : bool
         Whether the law learns.
+    answers : Answers
+        Of the arm to the pressures of the whole run.
     """
 
     error: float
@@ -72,6 +88,7 @@ class Evidence:
     free: float = 0.0
     late: float = 0.0
     learns: bool = True
+    answers: Answers = NO_ANSWERS
 
 
 class PossibleCause(NamedTuple):
@@ -104,6 +121,14 @@ _IDENTIFY = "soro excite, soro identify, then the same run with the file that th
 _OTHER_ARM = f"see that each chamber is where the file has it (soro hil first-pressure); then {_IDENTIFY}"
 
 CAUSES = (
+    # To a law a chamber that acts as another one looks weak.
+    PossibleCause(
+        lambda seen: seen.answers.text if seen.answers.grave else "", lambda seen: seen.answers.step
+    ),
+    PossibleCause(
+        _says("controller", "of the force"),
+        _step(f"check valve, line and bellow of this chamber; where they are right, {_IDENTIFY}"),
+    ),
     PossibleCause(
         _says("controller", "fallen over"),
         _step("a smaller load or curvature; soro reach shows what the pressures can hold"),
@@ -111,10 +136,6 @@ CAUSES = (
     PossibleCause(
         _says("controller", "elongation"),
         _step("a smaller load, curvature or pressure, or least_elongation of the link in the robot file"),
-    ),
-    PossibleCause(
-        _says("controller", "of the force"),
-        _step(f"check valve, line and bellow of this chamber; where they are right, {_IDENTIFY}"),
     ),
     PossibleCause(
         _says("estimator", NO_ESTIMATE),
@@ -191,6 +212,7 @@ CAUSES = (
         ),
         _step("look for an obstacle, a cable or a hose that it touches there"),
     ),
+    PossibleCause(lambda seen: seen.answers.text, lambda seen: seen.answers.step),
     PossibleCause(
         _says("estimator", "ms late"),
         _step(f"check when the source stamps them; where that is right, {_OTHER_ARM}"),

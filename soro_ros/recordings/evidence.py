@@ -14,6 +14,7 @@ from soro_ros.recordings import report
 from soro_ros.recordings.causes import Bound, Evidence
 from soro_ros.recordings.events import warnings_at
 from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
+from soro_ros.recordings.wiring_of_run import wiring_answers
 
 # Samples a second in which a swing is looked for; frequencies [Hz] below which it is the reference's motion.
 _RATE_HZ, _SLOW_HZ = 100.0, 0.6
@@ -66,6 +67,7 @@ def evidence_of(recording: RunRecording, scene: Scene, summary: report.Summary) 
         free=float(np.mean(error[last] < 0.5 * good * length)) if last.any() else 0.0,
         late=summary.overruns / ticks if scene.mode == "real_time" and ticks else 0.0,
         learns=scene.controller.adapt,
+        answers=wiring_answers(recording, scene),
     )
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from benchmarks import peer, report, rod
+from benchmarks import mismatched_arms, peer, report, rod
 from benchmarks.__main__ import SECTIONS, app
-from benchmarks.mismatch import verdict_of
+from benchmarks.judged_loop import Outcome
 from benchmarks.release import LADDER, LIMIT, Reference, first_good, ours
 from benchmarks.timing import Clock, per_call
 from soro_core import SoftArm
-from soro_lab.scene import load_scene
+from soro_ros.recordings.verdict import Verdict
 from tests.apparatus.extremes import crushed
 from tests.apparatus.extremes.arms import DENSITY, Arm
 from tests.apparatus.extremes.measure import Release
@@ -128,8 +128,26 @@ def test_error_control_tells_whether_a_link_is_crushed():
     assert crushed.run(Release(Arm(1), turns=0.05, steps=50), seed=1)[0] is None
 
 
+def weak(ratio, cause="", notes=()):
+    """What a lost run says of a chamber whose true gain is 1.49 of the mean, 1.78 of the middle one."""
+    named = f"link0/chamber2 gives {ratio} of the force that its file says"
+    return Outcome(0.2, Verdict("lost", f"far; probable cause: {cause or named}; next: look", notes))
+
+
 @pytest.mark.parametrize(
-    ("error", "word"), [(0.02, "good"), (0.021, "poor"), (0.11, "lost"), (math.nan, "lost")]
+    ("found", "known", "right", "wrong"),
+    [
+        (weak(1.6), "", 1, 0),
+        (weak(0.6), "", 0, 1),
+        (weak(1.6, "the arm differs from its robot file"), "good", 0, 1),  # a chamber would have to be named
+        (weak(1.6, "limits.maximum_pa, 90 kPa, holds set points back"), "poor", 1, 0),
+        (weak(1.6, "limits.maximum_pa, 90 kPa, holds set points back"), "good", 0, 1),
+        (weak(1.6, "look for an obstacle"), "poor", 0, 1),
+        (Outcome(0.01, Verdict("good", "", ("link0/chamber1 gives 1.20 of the force",))), "", 0, 1),
+    ],
 )
-def test_a_mismatched_arm_is_judged_by_the_keys_of_its_scene(error, word):
-    assert verdict_of(error, load_scene("track_circle")) == word
+def test_true_causes_of_a_random_arm_are_told_from_wrong_ones(monkeypatch, found, known, right, wrong):
+    truth = Outcome(0.0, Verdict(known))
+    monkeypatch.setattr(mismatched_arms, "measured", lambda n, known=False: truth if known else found)
+    judged = mismatched_arms.judged(3)
+    assert (len(judged.right), len(judged.wrong)) == (right, wrong)

@@ -3,26 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from hardware_bench import Bench, platform
 
 from soro_core.errors import HardwareError
+from soro_core.model import SoftArm
+from soro_core.model.equilibrium.statics import equilibrium
+from soro_core.robot import load_robot
 from soro_hardware import BusStatistics, Exchange, PlatformBase, Regulator
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.emulation.air import EmulatedPressures
 from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.emulation.faults.schedule import FaultSchedule
-from soro_hardware.hil.judge import Bending
 from soro_hardware.hil.paced import CycleSample, PacedRegulator, small_limits
 from soro_hardware.hil.plan import FirstPressureConfig, HilPlan, ProcedureState
 from soro_hardware.hil.pressurise import expectation, pressurise
 
 CONFIG = FirstPressureConfig(steps_pa=(5e3, 20e3), rest_s=0.5, hold_s=0.6, vent_s=3.0)
 NAMES = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
-# Metres that the tip goes with each chamber, a Pa.
-WAYS = np.array([[np.cos(a), np.sin(a), 0.0] for a in (0.0, 2.0943951, 4.1887902)]) * 1e-6
+ROBOT = "tue_three_bellow"
 
 
 class OnAir(Regulator):
@@ -84,6 +85,7 @@ class Pressurised:
     wiring: tuple[int, ...] = (0, 1, 2)  # which chamber of the arm each valve really feeds
     sensors: tuple[int, ...] = (0, 1, 2)  # whose reading comes back as that of each chamber
     arm: bool = False
+    share: tuple[float, ...] = (1.0, 1.0, 1.0)  # part of its force that each chamber gives
     confirm: bool = False
     directions: tuple[str, ...] = ()
     fault: str = ""
@@ -104,11 +106,8 @@ class Pressurised:
             self.devices.faults.add(read_injection(self.fault))
         config = self.config
         limits = small_limits(described, config.steps_pa[-1], config.rise_pa_s)
-        expected = expectation(described, driver.update_hz, config)
-        if self.arm:
-            steps = np.array(config.steps_pa)[:, None]
-            ways = Bending(np.array([way[:2] * steps for way in WAYS]), np.eye(3)[:2])
-            expected = replace(expected, bending=ways)
+        self.true = SoftArm(load_robot(ROBOT)) if self.arm else None
+        expected = expectation(described, driver.update_hz, config, self.true and self.true.robot)
         guarded = PacedRegulator(described, driver, limits, lockstep=True, tip=self._tip)
         self.limited, self._waiting = guarded, []
         self.plan = HilPlan(config, expected, self.confirm, self.directions)
@@ -122,7 +121,13 @@ class Pressurised:
         )
 
     def _tip(self) -> np.ndarray | None:
-        return WAYS[list(self.wiring)].T @ self.devices.pressure_pa if self.arm else None
+        """Where the arm rests under the pressures of now, by a marker that is not where the file says."""
+        if self.true is None:
+            return None
+        pressure = np.zeros(3)
+        pressure[list(self.wiring)] = self.devices.pressure_pa
+        shape = equilibrium(self.true, np.array(self.share) * pressure)
+        return self.true.pose(shape, self.true.length)[:3, 3] + [0.5, 0.1, 0.02]
 
     def record(self, sample: CycleSample) -> None:
         """Take a sample of the run."""

@@ -19,7 +19,7 @@ from soro_hardware.hil.judge import Expectation, judge_holds
 from soro_hardware.hil.measured import PressureHold
 from soro_hardware.hil.paced import CycleSample, PacedRegulator, small_limits
 from soro_hardware.hil.plan import FirstPressureConfig, HilPlan, ProcedureState
-from soro_hardware.hil.pressurise import directions, expectation
+from soro_hardware.hil.pressurise import expectation
 from tests.refused import fails
 
 TOP_PA = CONFIG.steps_pa[-1]
@@ -115,9 +115,13 @@ def test_readings_of_swapped_sensors_are_named():
 def test_lines_swapped_behind_the_valves_show_by_the_bending_alone():
     assert failed(Pressurised(wiring=(1, 0, 2)).run()) == {}
     found = failed(Pressurised(wiring=(1, 0, 2), arm=True).run())
-    assert set(found) == {"link0/chamber0: bends", "link0/chamber1: bends"}
-    assert "it bends as link0/chamber1 should" in found["link0/chamber0: bends"]
-    assert "it bends as link0/chamber0 should" in found["link0/chamber1: bends"]
+    assert set(found) == {"bends"}
+    assert "swapped: link0/chamber0 acts as link0/chamber1, link0/chamber1 acts as" in found["bends"]
+
+
+def test_a_chamber_with_a_line_that_is_off_behind_its_sensor_is_named():
+    found = failed(Pressurised(share=(1.0, 0.05, 1.0), arm=True).run())
+    assert found["bends"].startswith("link0/chamber1 gives 0.")
 
 
 def test_the_person_who_watches_is_asked_and_may_leave_a_chamber_out():
@@ -267,4 +271,4 @@ def test_the_model_of_the_three_bellow_arm_says_where_each_chamber_bends_it():
     x = expected.bending.expected_m[:, -1]
     np.testing.assert_allclose(np.degrees(np.arctan2(x[:, 1], x[:, 0])) % 360, [180, 300, 60], atol=0.5)
     assert 0.012 < np.linalg.norm(x, axis=1).min() < np.linalg.norm(x, axis=1).max() < 0.017
-    assert directions(expected)[0] == "-x of the base frame (180 deg)"
+    assert expected.bending.directions()[0] == "-x of the base frame (180 deg)"

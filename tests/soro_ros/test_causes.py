@@ -12,7 +12,7 @@ from rich.console import Console
 from soro_lab.scene import load_scene
 from soro_ros.commands import run
 from soro_ros.recordings import report
-from soro_ros.recordings.causes import CAUSES, Bound, Evidence, end_of_commands, probable_cause
+from soro_ros.recordings.causes import CAUSES, Answers, Bound, Evidence, end_of_commands, probable_cause
 from soro_ros.recordings.events import Event, NodeStatus
 from soro_ros.recordings.evidence import evidence_of
 from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
@@ -20,12 +20,19 @@ from soro_ros.recordings.verdict import judge
 from soro_ros.run.end import End
 
 POOR = Evidence(error=0.05, good=0.02)
+SWAPPED = Answers("chambers are swapped: b acts as a", "swap the tubes", grave=True)
+WEAK = Answers("link0/chamber0 gives 0.82 of the force that the others give", "look at this chamber")
 LIMIT = Bound("limits.maximum_pa, 90 kPa,", "state another one")
 # What each row of the table finds in, and words of its cause and of its next step.
 ROWS = [
+    (
+        {"answers": SWAPPED, "controller": "link0/chamber2 gives 0.58 of the force"},
+        "swapped",
+        "swap the tubes",
+    ),
+    ({"controller": "link0/chamber2 gives 0.58 of the force that its file says"}, "gives 0.58", "bellow"),
     ({"controller": "the arm has fallen over: vented"}, "fallen over", "soro reach"),
     ({"controller": "no command: an elongation is near -1"}, "elongation", "least_elongation"),
-    ({"controller": "link0/chamber2 gives 0.58 of the force that its file says"}, "gives 0.58", "bellow"),
     ({"estimator": "no estimate: no good sample for 0.3 s"}, "no good sample", "sensors publish"),
     ({"controller": "no command: arm/state is of no arm"}, "no arm", "soro log"),
     ({"late": 0.03}, "3% of the cycles", "lockstep"),
@@ -36,7 +43,7 @@ ROWS = [
         "probe_at_enable",
     ),
     ({"swing_hz": 2.34, "at_bound": 0.3}, "swings about its reference at 2.3 Hz", "controller.gains"),
-    ({"at_bound": 0.21, "bound": LIMIT}, "limits.maximum_pa, 90 kPa,", "state another one"),
+    ({"answers": WEAK, "at_bound": 0.21, "bound": LIMIT}, "limits.maximum_pa, 90 kPa,", "state another one"),
     (
         {"controller": "pressure saturated: link0/chamber0 needs 9 kPa more than its limit"},
         "needs 9 kPa",
@@ -49,6 +56,7 @@ ROWS = [
     ({"learns": False}, "adapt is false", "adapt=true"),
     ({"controller": "the learned mass at the tip is at its bound, -10.2 g"}, "at its bound", "soro identify"),
     ({"free": 0.6, "estimator": "NIS 9"}, "on a part of its way", "obstacle"),
+    ({"answers": WEAK, "estimator": "NIS 9; pose@0.1: stamps 40 ms late (+-2)"}, "gives 0.82", "look at"),
     # What lateness and another damping do looks alike.
     (
         {"estimator": "NIS 9; pose@0.1: stamps 40 ms late (+-2)"},

@@ -17,8 +17,10 @@ WARN: Literal["warn"] = "warn"
 
 # How much worse the wiring of the file must be than another one: by so much, and by this factor.
 _WORSE, _BETTER = 25.0, 3.0
-# Largest residual of the wiring of the file, as a part of the motions.
+# Largest residual of the wiring of the file, as a part of the motions, where it is not within their errors.
 _MOST_RESIDUAL = 0.4
+# The same of the best wiring, from which on something else moves the arm in a run.
+_HELD_RESIDUAL = 0.3
 # Gains by their link's mean that are no longer that of the file: warning, failure; and deviations.
 _GAIN_WARN, _GAIN_FAIL, _DEVIATIONS = 0.15, 0.25, 3.0
 # Tilts [deg]: warning, failure.
@@ -46,9 +48,13 @@ class ProbeFinding:
     step: str
     causes: tuple[str, ...] = ()
 
+    @property
+    def text(self) -> str:
+        """What was seen, and what looks alike."""
+        return self.found + (f" ({', or '.join(self.causes)})" if self.causes else "")
+
     def __str__(self) -> str:
-        alike = f" ({', or '.join(self.causes)})" if self.causes else ""
-        return f"probe: {self.found}{alike}; {self.step}"
+        return f"probe: {self.text}; {self.step}"
 
 
 def judge_answers(
@@ -56,6 +62,7 @@ def judge_answers(
     names: Sequence[str],
     states: Sequence[HeldState],
     between: Callable[[], None] = lambda: None,
+    whole_run: bool = False,
 ) -> list[ProbeFinding]:
     """Return what the answers of the arm say.
 
@@ -68,16 +75,25 @@ def judge_answers(
         At rest, and with each chamber alone.
     between : callable
         Called again and again.
+    whole_run : bool
+        Whether the states are those of a run under control: its load may change, something may hold the arm,
+        and gains can be told beside a tilt.
     """
-    fits = model.fits(states, between)
-    own = next(one for one in fits if one.wiring == tuple(range(len(names))))
+    fits = model.fits(states, between, same_load=whole_run)
+    own = next(one for one in fits if one.wiring == tuple(range(len(names))) and not one.changed_kg)
     best = fits[0]
+    if whole_run and best.residual_part > _HELD_RESIDUAL:
+        return []
     if own.cost - best.cost > _WORSE and best.cost < own.cost / _BETTER:
-        return [_wiring(names, best)]
-    if own.residual_part > _MOST_RESIDUAL:
+        return [_changed(best) if best.changed_kg else _wiring(names, best)]
+    if own.cost > _WORSE and own.residual_part > _MOST_RESIDUAL:
         text = "the arm answers in directions that no wiring of the chambers explains"
         causes = ("a turned frame of the pose sensor or base_quaternion", "a robot file of another arm")
         return [ProbeFinding(FAIL, text, "compare frames and robot file with the arm", causes)]
+    if whole_run:
+        # What looks like a small tilt may be creep.
+        tilted = [one for one in _tilt(own) if one.level == FAIL]
+        return sorted(_gains(model, names, own) + tilted, key=lambda one: one.level != FAIL)
     # Beside a tilt the gains of chambers cannot be told.
     return _tilt(own) or _gains(model, names, own)
 
@@ -89,6 +105,12 @@ def _wiring(names: Sequence[str], fit: WiringFit) -> ProbeFinding:
     if len(moved) > 2:
         causes = (*causes, "a frame of the pose sensor or a base_quaternion turned about the arm's axis")
     return ProbeFinding(FAIL, text, "swap the tubes, or correct the file", causes)
+
+
+def _changed(fit: WiringFit) -> ProbeFinding:
+    text = f"the load has changed by {1e3 * fit.changed_kg:+.0f} g while the probe ran"
+    causes = ("a hand or an obstacle that held the arm",)
+    return ProbeFinding(FAIL, text, "leave the load as it is until the law has begun", causes)
 
 
 def _tilt(fit: WiringFit) -> list[ProbeFinding]:

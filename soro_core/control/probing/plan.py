@@ -75,6 +75,8 @@ class ProbePlan:
         Fastest rates of set points [Pa/s].
     dead_time_s : float
         Declared time until a set point acts [s].
+    play_pa : float
+        Declared play between set point and pressure, its width [Pa].
     """
 
     names: tuple[str, ...]
@@ -87,6 +89,7 @@ class ProbePlan:
     rise_pa_s: float
     fall_pa_s: float
     dead_time_s: float
+    play_pa: float
 
 
 def plan_probe(known: ProbedArm) -> ProbePlan:
@@ -115,6 +118,7 @@ def plan_probe(known: ProbedArm) -> ProbePlan:
         rise_pa_s=pressures.rise_pa_s,
         fall_pa_s=pressures.fall_pa_s,
         dead_time_s=pressures.dead_time_s,
+        play_pa=pressures.play_pa,
     )
 
 

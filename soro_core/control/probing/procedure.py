@@ -24,14 +24,17 @@ _FOUND_S = 0.5
 _REST_S = 4.0
 # Displacement of an arm at rest within a window, as a part of the length.
 _STILL_PART = 0.02
-# Part of the set point that a reading has at the end of a hold, and absolute error that it may have [Pa].
-_FOLLOWS, _ERROR_PA = 0.5, 600.0
+# Part of the pressure behind the play of a valve that a reading has at the end of a hold, deviations of the
+# noise that it may lack, and pressure behind the play below which steps of readings hide it [Pa].
+_FOLLOWS, _DEVIATIONS, _HIDDEN_PA = 0.5, 3.0, 200.0
 # Part of its highest pressure with which the first chamber is tried, and least part that is taken.
 _TRIAL, _LEAST_PART = 0.125, 0.35
 # Displacement of an arm that falls over in the trial, as a part of the length.
 _FALLS_PART = 0.6
 # The model stays within the limits of motion under every load; an arm that falls over swings beyond its rest.
 _SWING = 1.5
+# Strains this far beyond the limits of motion are those of no arm.
+_ABSURD = 1e4
 # Longest time between two samples [s].
 _GAP_S = 0.1
 
@@ -199,13 +202,13 @@ class Probe:
             return f"a sample is not finite {at}", "look at the sensors"
         if state.row is not None and not 0.0 < (gap_s := sample.t_s - state.row.sample.t_s) <= _GAP_S:
             return f"no estimate of the arm for {gap_s:.2f} s {at}", "look at sensors and estimator"
-        if state.phase == "press" and self._is_beyond(sample):
+        bent = float(np.max(self._known.fields.peaks(sample.q) / self.plan.limit))
+        if not bent < _ABSURD:
+            return f"no arm has such a state {at}", "look at the sensors"
+        # Further than it swings by the model under any load.
+        if state.phase == "press" and bent > _SWING:
             return f"the arm is bent beyond the limits of motion {at}", "look at load, robot file and sensors"
         return None
-
-    def _is_beyond(self, sample: ProbeSample) -> bool:
-        """Whether the arm swings further than it would by the model under any load."""
-        return bool((self._known.fields.peaks(sample.q) > _SWING * self.plan.limit).any())
 
     def _at(self, state: ProbeState) -> str:
         if state.chamber < 0:
@@ -261,26 +264,50 @@ class Probe:
         state = self._towards(state, k, state.from_pa + (top - state.from_pa) * risen)
         if elapsed_s < plan.rise_s + plan.settle_s + plan.window_s:
             return state
-        held = _held(_since(state.row, sample.t_s - plan.window_s))
-        state = replace(state, held=(*state.held, held))
-        if silent := self._silent(held.pressure_pa - state.held[0].pressure_pa, k, top):
+        rows = _since(state.row, sample.t_s - plan.window_s)
+        state = replace(state, held=(*state.held, _held(rows)))
+        if silent := self._silent(rows, state.held[0].pressure_pa, k, top):
             return _ended(state, (silent,))
         if k + 1 < len(plan.names):
             return replace(state, chamber=k + 1, started_s=sample.t_s, from_pa=0.0)
         return replace(state, phase="fall", started_s=sample.t_s)
 
-    def _silent(self, risen_pa: Array, chamber: int, top_pa: float) -> ProbeFinding | None:
+    def _silent(
+        self, rows: Sequence[Row], rest_pa: Array, chamber: int, top_pa: float
+    ) -> ProbeFinding | None:
         """Return a finding if the reading of a chamber has not risen with its set point."""
-        if risen_pa[chamber] >= _FOLLOWS * top_pa - _ERROR_PA:
+        readings = np.array([row.sample.pressure_pa for row in rows])
+        risen_pa = readings.mean(axis=0) - rest_pa
+        error_pa = _DEVIATIONS * float(readings[:, chamber].std()) * np.sqrt(2.0 / len(rows))
+        if self._is_hidden(top_pa) or risen_pa[chamber] >= _FOLLOWS * self._behind_play(top_pa) - error_pa:
             return None
         names, other = self.plan.names, int(np.argmax(risen_pa))
         found = (
             f"{names[chamber]} reads {1e-3 * risen_pa[chamber]:.1f} kPa at a set point of {1e-3 * top_pa:.1f}"
         )
-        if other != chamber and risen_pa[other] > _FOLLOWS * top_pa:
+        if other != chamber and risen_pa[other] > _FOLLOWS * self._behind_play(top_pa):
             found += f", and {names[other]} reads {1e-3 * risen_pa[other]:.1f}"
         step = "look at the valve, its line and its sensor: soro hil first-pressure"
         return ProbeFinding(STOP, found, step)
+
+    def _behind_play(self, top_pa: float) -> float:
+        """Return the pressure [Pa gauge] to which a set point leads from below."""
+        return top_pa - 0.5 * self.plan.play_pa
+
+    def _is_hidden(self, top_pa: float) -> bool:
+        return self._behind_play(top_pa) < _HIDDEN_PA
+
+    def _hidden(self, part: float) -> list[ProbeFinding]:
+        """Return a finding that names the chambers whose pressures were too small to be read."""
+        tops = {n: part * top for n, top in zip(self.plan.names, self.plan.ceiling_pa.tolist(), strict=True)}
+        names = [name for name, top_pa in tops.items() if self._is_hidden(top_pa)]
+        if not names:
+            return []
+        most = f"{1e-3 * max(tops[name] for name in names):.1f} kPa"
+        found = (
+            f"the highest pressure of {', '.join(names)}, {most}, is within the play of its valve: not judged"
+        )
+        return [ProbeFinding(WARN, found, "take off some of the load, or look with soro hil first-pressure")]
 
     def _towards(self, state: ProbeState, chamber: int, wanted_pa: float) -> ProbeState:
         """Return the state with one set point on its way to a pressure, and the others on theirs to 0."""
@@ -305,7 +332,7 @@ class Probe:
         seen = [one for row in rows for one in row.sample.seen]
         late += judge_stamps(t, reading, seen, between)
         found = judge_answers(self._model, plan.names, state.held, between)
-        return _ended(state, (*found, *late))
+        return _ended(state, (*found, *late, *self._hidden(state.part)))
 
 
 _PHASES = {"rest": Probe._rest, "trial": Probe._trial, "press": Probe._press, "fall": Probe._fall}

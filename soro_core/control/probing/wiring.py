@@ -31,6 +31,10 @@ _ELASTIC, _PRESSED, _SEEN = 0.003, 0.02, 1.5e-3
 _SOFT, _GAIN, _TILT, _MEAN = 0.3, 0.3, 0.3, 0.02
 # Least stiffness, by that of the file, for what a tilt does.
 _SOFTEST = 0.3
+# Of fewer states a load that changes explains any.
+_LEAST_STATES = 5
+# Error of a load that has changed, as a part of the heaviest.
+_LOAD_PART = 0.1
 # Difference [rad] for the derivative by the tilt.
 _STEP = 1e-3
 # Sum of squares for each state from which on deviations are larger.
@@ -82,6 +86,8 @@ class WiringFit:
         Its deviation [rad].
     gain, gain_covariance : ndarray (n_u,), (n_u, n_u)
         Gain of each valve's chamber.
+    changed_kg : float
+        By how much the load is another one from one of the states on [kg]; 0 where it may not be.
     """
 
     wiring: tuple[int, ...]
@@ -93,6 +99,7 @@ class WiringFit:
     tilt_std: float
     gain: Array
     gain_covariance: Array
+    changed_kg: float = 0.0
 
 
 class _Rows(NamedTuple):
@@ -131,15 +138,20 @@ class WiringModel:
         )
 
     def fits(
-        self, states: Sequence[HeldState], between: Callable[[], None] = lambda: None
+        self,
+        states: Sequence[HeldState],
+        between: Callable[[], None] = lambda: None,
+        same_load: bool = False,
     ) -> list[WiringFit]:
-        """Return the fit of every wiring, the best one first.
+        """Return the fit of every wiring, and of that of the file with a load that changes; the best first.
 
         Parameters
         ----------
         states : sequence of HeldState
         between : callable
             Called again and again: this takes longer than a tick.
+        same_load : bool
+            Whether no load that changes is tried.
         """
         # What a tilt does depends on stiffness and load: they come from a fit that takes those of the file.
         stiffness, load_kg = 1.0, 0.0
@@ -148,12 +160,24 @@ class WiringModel:
             for state in states:
                 between()
                 rows.append(self._rows(state, stiffness, load_kg))
-            for one in self._wirings():
+            own = tuple(range(self._arm.n_u))
+            told = not same_load and len(states) >= _LEAST_STATES
+            changes = [(own, k) for k in range(1, len(states))] if told else []
+            for wiring, changed in (*((one, 0) for one in self._wirings()), *changes):
                 between()
-                fits.append(self._fit(rows, one))
+                fit = self._fit(rows, wiring, changed)
+                if not changed or self._is_possible(fit):
+                    fits.append(fit)
             fits.sort(key=lambda fit: fit.cost)
             stiffness, load_kg = max(fits[0].stiffness, _SOFTEST), fits[0].load_kg
         return fits
+
+    def _is_possible(self, fit: WiringFit) -> bool:
+        """Whether an arm can be as soft as this, and carry the load that has changed."""
+        doubt_kg = _LOAD_PART * self._heaviest_kg
+        return fit.stiffness >= _SOFTEST and (
+            -doubt_kg <= fit.load_kg + fit.changed_kg <= self._heaviest_kg + doubt_kg
+        )
 
     def _wirings(self) -> Iterator[tuple[int, ...]]:
         """Yield the wiring of the file, each swap of two, and the chambers of links rotated by one."""
@@ -212,14 +236,20 @@ class WiringModel:
         seen = np.linalg.lstsq(np.vstack(motions), np.vstack(turned), rcond=None)[0]
         return np.vstack(motions) @ inverse(arm.stiffness_matrix(q)), seen
 
-    def _fit(self, rows: Sequence[_Rows], wiring: tuple[int, ...]) -> WiringFit:
-        n = self._arm.n_u
-        chosen = [np.column_stack([-one.pressed[k, wiring[k]] for k in range(n)]) for one in rows]
-        left = np.vstack([np.hstack([one.unknown, gains]) for one, gains in zip(rows, chosen, strict=True)])
-        left = np.vstack([left, np.repeat([0.0, 1.0 / (n * _MEAN)], [4, n])])
+    def _fit(self, rows: Sequence[_Rows], wiring: tuple[int, ...], changed: int = 0) -> WiringFit:
+        """Return the fit of a wiring; with another load in state `changed`, if it is not 0, and after it."""
+        n, most = self._arm.n_u, max(0.5 * self._heaviest_kg, _FIXED_KG)
+        extra = 2 if changed else 0
+        columns = []
+        for k, one in enumerate(rows):
+            gains = [-one.pressed[j, wiring[j]] for j in range(n)]
+            # The load may change in the middle of a state.
+            later = [one.unknown[:, 1] * now for now in (k == changed, k > changed)[:extra]]
+            columns.append(np.column_stack([one.unknown, *gains, *later]))
+        left = np.vstack([*columns, np.repeat([0.0, 1.0 / (n * _MEAN), 0.0], [4, n, extra])])
         right = np.append(-np.concatenate([one.known for one in rows]), 1.0 / _MEAN)
-        mean = np.array([1.0, 0.0, 0.0, 0.0, *np.ones(n)])
-        std = np.array([_SOFT, max(0.5 * self._heaviest_kg, _FIXED_KG), _TILT, _TILT, *np.full(n, _GAIN)])
+        mean = np.array([1.0, 0.0, 0.0, 0.0, *np.ones(n), *np.zeros(extra)])
+        std = np.array([_SOFT, most, _TILT, _TILT, *np.full(n, _GAIN), *np.full(extra, most)])
         x, covariance, cost = _solve(left, right, mean, std)
         if not 0.0 <= x[1] <= self._heaviest_kg:
             mean[1], std[1] = np.clip(x[1], 0.0, self._heaviest_kg), _FIXED_KG
@@ -228,14 +258,17 @@ class WiringModel:
         covariance *= max(1.0, cost / (_SPREAD * len(rows)))
         tilt_std = float(np.sqrt(np.trace(covariance[2:4, 2:4])))
         left_m, moved_m = 0.0, 0.0
-        for one, gains in zip(rows, chosen, strict=True):
-            residual = one.unknown @ x[:4] + gains @ x[4:] + one.known
+        for one, by_x in zip(rows, columns, strict=True):
+            residual = by_x @ x + one.known
             left_m += one.std_m**2 * float(residual @ residual)
             elastic = _STIFF * float(np.sum(one.unknown[:, 0] ** 2))
-            moved_m += one.std_m**2 * (elastic + float(np.sum((gains @ np.ones(n)) ** 2)))
+            made = by_x[:, 4 : 4 + n] @ np.ones(n)
+            moved_m += one.std_m**2 * (elastic + float(made @ made))
         residual_part = float(np.sqrt(left_m / max(moved_m, _LEAST_M**2)))
-        fitted = float(x[0]), float(x[1]), x[2:4], tilt_std, x[4:], covariance[4:, 4:]
-        return WiringFit(wiring, cost, residual_part, *fitted)
+        gain, of_gain = x[4 : 4 + n], covariance[4 : 4 + n, 4 : 4 + n]
+        fitted = float(x[0]), float(x[1]), x[2:4], tilt_std, gain, of_gain
+        changed_kg = float(x[-2:][-1 if changed < len(rows) - 1 else 0]) if changed else 0.0
+        return WiringFit(wiring, cost, residual_part, *fitted, changed_kg)
 
 
 def _solve(left: Array, right: Array, mean: Array, std: Array) -> tuple[Array, Array, float]:

@@ -57,12 +57,17 @@ def tilted(robot, degrees):
     return robot.replace(base_quaternion=tuple(quaternion_from_matrix(turn)))
 
 
-def probed(scene, true=None, regulator=None, most_s=MOST_S):
+def probed(scene, true=None, regulator=None, most_s=MOST_S, load_steps=()):
     """Ticks of the loop until the law has begun, or for longer than the probe takes."""
     loop = loop_of(scene)
     regulator = regulator or scene.regulator
     setup = Setup(
-        plant=true, payload_kg=scene.twin.payload_kg, refine=2, regulator=regulator, dt=1.0 / scene.rate_hz
+        plant=true,
+        payload_kg=scene.twin.payload_kg,
+        refine=2,
+        regulator=regulator,
+        dt=1.0 / scene.rate_hz,
+        load_steps=load_steps,
     )
     ticks, begun = [], False
     for tick in loop.run(Harness(scene.loaded_robot, setup), round(most_s / setup.dt), setup.dt):
@@ -121,6 +126,13 @@ def test_what_differs_from_the_file_is_named_and_refused(name, change, words):
 def test_a_weak_chamber_of_the_standing_arm_is_named_under_its_load():
     one = scene("track_circle", **{"twin.payload_kg": 0.02})
     assert "link0/chamber1 gives 0.7" in said(one, weak(one.loaded_robot))
+
+
+@pytest.mark.parametrize(("name", "at_s", "load"), [("track_circle", 5.8, 0.02), ("hanging_arm", 2.5, 0.04)])
+def test_a_load_that_changes_while_the_probe_runs_is_named_as_that(name, at_s, load):
+    text = said(scene(name, **{"twin.payload_kg": 0.0}), load_steps=((at_s, load),))
+    assert "probe: the load has changed by +" in text
+    assert "leave the load as it is" in text
 
 
 def test_a_small_tilt_warns_and_the_law_begins():
@@ -283,6 +295,20 @@ def test_an_arm_that_is_not_empty_or_moves_or_is_lost_is_refused_with_the_reason
         assert np.all(state.setpoint_pa == 0.0)
 
 
+@pytest.mark.parametrize("phase", ["rest", "trial", "press", "fall"])
+def test_a_state_that_no_arm_has_never_makes_a_pressure_beyond_the_limits(standing, phase):
+    """So large that the tip has no place: every comparison with it is false."""
+    probe, nan_like = Probe(arm(standing), lenient=True), np.array([0.0, 1e200, 0.0])
+    state = probe.initial_state()
+    for k in range(1500):
+        q = nan_like if state.phase == phase else np.zeros(3)
+        state = probe.step(state, ProbeSample(5e-3 * k, q, np.zeros(3), state.setpoint_pa))
+        assert np.all((state.setpoint_pa >= 0.0) & (state.setpoint_pa <= probe.plan.ceiling_pa)), k
+        if state.done:
+            break
+    assert "no arm has such a state" in state.refusal
+
+
 @pytest.mark.parametrize("from_s", [0.0, 1.5, 3.0])
 def test_a_state_for_which_the_model_has_no_value_ends_the_probe_at_zero(standing, from_s):
     probe, zero = Probe(arm(standing), lenient=True), np.zeros(3)
@@ -296,6 +322,43 @@ def test_a_chamber_whose_reading_does_not_rise_ends_the_probe(standing):
     probe, zero = Probe(arm(standing)), np.zeros(3)
     state = fed(probe, lambda t: ProbeSample(t, zero, zero, zero))
     assert "link0/chamber0 reads 0.0 kPa at a set point of" in state.refusal
+
+
+def small(standing, top_pa):
+    """A probe whose pressures are this small, as those of a standing arm near buckling are."""
+    probe = Probe(arm(standing))
+    probe.plan = replace(probe.plan, ceiling_pa=np.full(3, top_pa))
+    return probe
+
+
+def read(standing, top_pa, reading):
+    """The end of a probe of an arm that rests; readings follow the set point, in noisy steps of 100 Pa."""
+    probe, zero, rng = small(standing, top_pa), np.zeros(3), np.random.default_rng(1)
+    state, rest = probe.initial_state(), stable_equilibrium(standing.arm, zero, None, 0.0)
+    for k in range(3000):
+        pressure = reading(state.setpoint_pa) + 100.0 * rng.standard_normal(3)
+        state = probe.step(state, ProbeSample(5e-3 * k, rest, zero, 100.0 * np.round(pressure / 100.0)))
+        if state.done:
+            break
+    return state
+
+
+@pytest.mark.parametrize("top_pa", [800.0, 1200.0, 5000.0])
+def test_a_dead_and_a_weak_valve_are_named_at_small_pressures_and_the_play_of_a_good_one_is_not(
+    standing, top_pa
+):
+    half = 0.5 * standing.pressures.play_pa
+    assert half == 450.0
+    for part in (0.0, 0.3):
+        state = read(standing, top_pa, lambda set_pa, part=part: part * np.maximum(set_pa - half, 0.0))
+        assert f"link0/chamber0 reads {1e-3 * part * (top_pa - half):.1f} kPa at a set point" in state.refusal
+    assert "reads" not in read(standing, top_pa, lambda set_pa: np.maximum(set_pa - half, 0.0)).said
+
+
+def test_a_pressure_within_the_play_of_a_valve_says_that_nothing_is_judged(standing):
+    state = read(standing, 500.0, lambda set_pa: 0.0 * set_pa)
+    assert state.refusal == ""
+    assert "link0/chamber1, link0/chamber2, 0.5 kPa, is within the play of its valve" in state.said
 
 
 def test_no_pressure_leaves_the_limits_of_motion_by_the_model_under_its_heaviest_load(standing):

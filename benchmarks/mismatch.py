@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -13,8 +14,10 @@ import yaml
 
 from benchmarks.options import Options
 from benchmarks.report import table
+from soro_core.adaptation.kept import KeptNumbers, keep
 from soro_core.config import with_changes
 from soro_core.errors import SoroError
+from soro_core.loop import Tick
 from soro_core.robot import Link, Robot, load_robot
 from soro_core.robot.discretisation import with_basis
 from soro_core.robot.parts import fields
@@ -193,6 +196,14 @@ CASES = (
 )
 
 
+KEPT = (
+    *(case for case in CASES if "slope -2" in case.name or "30 kPa" in case.name or "four" in case.name),
+    Case("hanging, as its file", 0.005, lambda robot: robot, {**HANGING, **EMPTY}),
+)
+OPENING_S = (2.0, 4.0)
+SPANS = ("0 to 2 s", "2 to 4 s")
+
+
 def write_robot(robot: Robot, path: Path, keys: Mapping[str, Any] | None = None) -> str:
     """Write the file of a robot, or of some of its keys beside others; return its path."""
     own = robot.model_dump(mode="json", exclude_defaults=True)
@@ -216,26 +227,62 @@ def scene_of(case: Case, law: str, seed: int, folder: Path) -> Scene:
     return load_scene(case.scene, keys)
 
 
-def outcome(scene: Scene, say: Callable[[str], None] = lambda text: None) -> Outcome:
+def ticks_of(scene: Scene) -> Iterator[Tick[Any, Any]]:
     """Run the loop of a scene in lockstep, without ROS."""
     changes: dict[str, Any] = {"pressures": "regulators", "plant_link": ""}
     if scene.loaded_platform:
         changes["regulator"] = scene.loaded_platform.regulator
     twin = Twin(scene.loaded_robot, with_changes(scene.twin_node(), **changes))
-    n, notes, length = round(scene.duration_s * scene.rate_hz), "", twin.length
-    late = n - round(LAST_S * scene.rate_hz)
-    squares = []
+    ticks = round(scene.duration_s * scene.rate_hz)
+    return loop_of(scene).run(twin, ticks, twin.dt, before_s=-twin.dt)
+
+
+def square_of(tick: Tick[Any, Any]) -> float:
+    """Return the square of the tip error [m^2]."""
+    missed = tick.seen.tip[:3, 3] - tick.command.tip_reference[:3, 3]
+    return float(missed @ missed)
+
+
+def outcome(scene: Scene, say: Callable[[str], None] = lambda text: None) -> Outcome:
+    """Run the loop of a scene, and judge its end."""
+    notes, squares = "", []
+    late = round((scene.duration_s - LAST_S) * scene.rate_hz)
     try:
-        for k, tick in enumerate(loop_of(scene).run(twin, n, twin.dt, before_s=-twin.dt)):
+        for k, tick in enumerate(ticks_of(scene)):
             status = tick.command.status
             notes = "; ".join(filter(None, (status.message, status.note, tick.estimate.status.note)))
             if k >= late:
-                missed = tick.seen.tip[:3, 3] - tick.command.tip_reference[:3, 3]
-                squares.append(float(missed @ missed))
+                squares.append(square_of(tick))
     except SoroError as error:  # the plant of a lost arm has no step any more
         return Outcome(np.inf, "lost", str(error))
-    part = float(np.sqrt(np.mean(squares))) / length
+    part = float(np.sqrt(np.mean(squares))) / scene.loaded_robot.length
     return Outcome(part, verdict_of(part, scene), notes)
+
+
+def opening(scene: Scene) -> tuple[list[float], KeptNumbers]:
+    """Return the RMS of the tip error, part of the length, in two spans, and what was kept at the end."""
+    squares = []
+    for tick in ticks_of(scene):
+        squares.append(square_of(tick))
+    kept = keep(scene.loaded_robot, tick.command.estimates, tick.command.deviations())
+    cuts = [round(t * scene.rate_hz) for t in (0.0, *OPENING_S)]
+    means = [float(np.mean(squares[a:b])) for a, b in pairwise(cuts)]
+    return [float(np.sqrt(mean)) / scene.loaded_robot.length for mean in means], kept
+
+
+def kept_rows(options: Options) -> list[list[object]]:
+    """Return the first seconds of a run alone, and started from what an earlier one has learned."""
+    rows = []
+    for case in options.pick(KEPT, KEPT[:1]):
+        options.say(f"{case.name}, kept")
+        with TemporaryDirectory() as folder:
+            scene = scene_of(case, "composite", 1, Path(folder))
+            _, kept = opening(scene)
+            again = with_changes(scene, seed=2, duration_s=OPENING_S[-1])
+            found = [opening(one)[0] for one in (again, again.with_learned(kept))]
+        row = (f"{100 * value:.2f}" for pair in zip(*found, strict=True) for value in pair)
+        rows.append([case.name, *row])
+    return rows
 
 
 def verdict_of(error: float, scene: Scene) -> str:
@@ -277,6 +324,12 @@ def run(options: Options) -> str:
             f"{', '.join(map(str, seeds))}; the verdict is that of the tip error alone, the notes are those "
             "of the last tick of the first seed.",
             table(head, rows),
+            "Alone, and started from what an earlier run of 12 s has learned (`--learn-from`): tip error "
+            "RMS, % of the length, `composite`, seed 2, the earlier run seed 1.",
+            table(
+                ["case", *(f"{span}, {how}" for span in SPANS for how in ("alone", "started"))],
+                kept_rows(options),
+            ),
         ]
     )
 

@@ -1,4 +1,4 @@
-"""How many functions does one tick of each part call? ``python -m benchmarks.walks [--list]``.
+"""How many functions does one tick of each part call? ``python -m benchmarks.walks [--jobs] [--list]``.
 
 A walk is the set of named functions of the project's packages that a thread enters in one tick, kernels
 included (numba reports them to a profiler). A comprehension or a lambda belongs to the function that writes
@@ -11,12 +11,20 @@ it. The walks, all of the scene `track_circle` after half a second:
 - `pose to state`: `Estimator.step` with one pose and what the law has learned. The longest of 40 ticks.
 - `scene key to node`: `load_scene` with one changed key, up to the parameters of the controller process. The
   second of two: what is kept between scenes is known then.
+
+Two walks of whole jobs, with ``--jobs``, some five minutes:
+
+- `recording to robot file`: `soro identify` of a shipped bag of 2 s, without further laws, one start.
+- `part to robot file`: `soro identify-fem` of the shipped rod, in a coarse mesh and with short sweeps.
 """
 
 from __future__ import annotations
 
 import contextlib
+import io
 import sys
+import tempfile
+import threading
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -26,16 +34,19 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
+import yaml
 from rich.console import Console
 
 from benchmarks.report import table
 from soro_core.loop import certainty_of
 from soro_core.twin import Twin
+from soro_design.commands.identify_fem import identify_fem
 from soro_hardware import load_platform
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.canopen.driver import CanopenRegulator
 from soro_hardware.emulation.devices import EmulatedDevices
 from soro_hardware.testing.hub_bus import HubBus
+from soro_lab.commands.identify import identify
 from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
 
@@ -61,12 +72,14 @@ class Walk:
 
     @contextlib.contextmanager
     def taken(self) -> Iterator[None]:
-        """Follow this thread."""
+        """Follow this thread, and those that it starts."""
+        threading.setprofile(self._note)
         sys.setprofile(self._note)
         try:
             yield
         finally:
             sys.setprofile(None)
+            threading.setprofile(None)
 
     def _note(self, frame: FrameType, event: str, _: Any) -> None:
         code = frame.f_code
@@ -154,8 +167,51 @@ def scene_walk() -> Walk:
     return walk
 
 
+def recording_walk(folder: Path) -> Walk:
+    """Return the walk of `soro identify`, which writes into a folder."""
+    walk = Walk()
+    with walk.taken(), contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(typer.Exit):
+        identify(
+            "tue_three_bellow",
+            folder / "arm.yaml",
+            [ROOT / "bags" / "track_circle_lockstep_2s"],
+            laws="none",
+            starts=1,
+            constant=True,
+        )
+    return walk
+
+
+def part_walk(folder: Path) -> Walk:
+    """Return the walk of `soro identify-fem`, which writes into a folder."""
+    part = yaml.safe_load((ROOT / "config" / "parts" / "silicone_rod_three_chambers.yaml").read_text())
+    part["geometry"] |= {"around": 2, "across": 1, "along": 6}
+    part["sweeps"] = [
+        {"name": "pull", "force_n": [0.0, 0.0, 3.0], "states": 2},
+        {"name": "side", "force_n": [0.02, 0.0, 0.0], "states": 1},
+        {"name": "all", "pressures_pa": [15e3, 15e3, 15e3], "states": 2},
+        {"name": "one", "pressures_pa": [12e3, 0.0, 0.0], "states": 2},
+        {"name": "mixed", "pressures_pa": [6e3, 10e3, 0.0], "states": 1, "held_out": True},
+    ]
+    file = folder / "rod.yaml"
+    file.write_text(yaml.safe_dump(part), encoding="utf-8")
+    walk = Walk()
+    with walk.taken(), contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(typer.Exit):
+        identify_fem(str(file), folder / "rod_arm.yaml")
+    return walk
+
+
+def jobs() -> dict[str, Walk]:
+    """Return the walks of whole jobs by name."""
+    with tempfile.TemporaryDirectory() as folder:
+        return {
+            "recording to robot file": recording_walk(Path(folder)),
+            "part to robot file": part_walk(Path(folder)),
+        }
+
+
 def walks() -> dict[str, Walk]:
-    """Return all walks by name."""
+    """Return the walks of a tick by name."""
     control, pose = loop_walks()
     return {
         "control tick": control,
@@ -167,9 +223,10 @@ def walks() -> dict[str, Walk]:
 
 def main(
     listed: Annotated[bool, typer.Option("--list", help="name the functions too, in their order")] = False,
+    whole: Annotated[bool, typer.Option("--jobs", help="two whole jobs too, five minutes")] = False,
 ) -> None:
     """Count the functions that one tick of each part calls, and the files that they stand in."""
-    console, found = Console(), walks()
+    console, found = Console(), walks() | (jobs() if whole else {})
     rows: list[list[object]] = [[name, len(walk), walk.files] for name, walk in found.items()]
     console.print(table(["walk", "functions", "files"], rows), markup=False, soft_wrap=True)
     for name, walk in found.items() if listed else ():

@@ -1,4 +1,4 @@
-"""A law of another package, docs/adding_a_law.md: statics of the model, and a spring to the reference."""
+"""A law of your own, docs/adding_a_law.md: statics of the model, and a spring to the reference."""
 
 import numpy as np
 from pydantic import Field

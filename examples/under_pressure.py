@@ -3,8 +3,7 @@
 python examples/under_pressure.py
 """
 
-from soro_core import SoftArm, load_robot
-from soro_core.model.equilibrium.statics import equilibrium
+from soro_core import SoftArm, equilibrium, load_robot
 
 arm = SoftArm(load_robot("tue_three_bellow"))
 for kpa in (0.0, 10.0, 20.0, 30.0):

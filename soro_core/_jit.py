@@ -22,7 +22,7 @@ from numba import config as numba_config
 from numba.core import event
 
 from soro_core._linked import linked
-from soro_core.kernel_folder import kernel_folder, locked
+from soro_core.files.kernel_folder import kernel_folder, locked
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 

@@ -13,7 +13,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchem
 from pydantic_core import CoreSchema, core_schema
 
 from soro_core.errors import ConfigError
-from soro_core.yaml_text import LONGEST, read_value
+from soro_core.files.yaml_text import LONGEST, read_value
 
 
 class Strict(BaseModel):

@@ -10,6 +10,7 @@ process that only transfers bytes, must not load numba and scipy.
 from __future__ import annotations
 
 import contextlib
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from importlib import import_module
 from importlib.util import find_spec
@@ -19,7 +20,7 @@ from soro_core.errors import ConfigError
 
 
 def lazy(package: str, homes: Mapping[str, str]) -> tuple[list[str], Callable[[str], Any]]:
-    """Return ``__all__`` and ``__getattr__`` of a package.
+    """Return ``__all__`` and ``__getattr__`` of a package; its ``dir`` then has the names, for completion.
 
     Parameters
     ----------
@@ -35,6 +36,8 @@ def lazy(package: str, homes: Mapping[str, str]) -> tuple[list[str], Callable[[s
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
         return getattr(import_module(modules[name], package), name)
 
+    space = vars(sys.modules[package])
+    space["__dir__"] = lambda: sorted({*space, *modules})
     return sorted(modules), get
 
 

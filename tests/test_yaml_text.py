@@ -11,8 +11,8 @@ import pytest
 
 from soro_core.config import config_folder, load, read_yaml
 from soro_core.errors import ConfigError
+from soro_core.files.yaml_text import read_value
 from soro_core.robot import load_robot
-from soro_core.yaml_text import read_value
 from soro_lab.identification.recording import Columns
 from tests.refused import fails
 

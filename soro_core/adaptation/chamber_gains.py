@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from soro_core.model import SoftArm
 
 # Bounds of g and b, and of e: H keeps its rank.
-_LEAST_GAIN, _MOST_GAIN, _MOST_SLOPE = -0.7, 1.0, 10.0
+LEAST_GAIN, MOST_GAIN, MOST_SLOPE = -0.7, 1.0, 10.0
 _LEAST, _MOST = 0.2, 3.0
 # Prior deviation of the mean of the g of a link, which stays at 0.
 _MEAN_STD = 1e-3
@@ -169,8 +169,8 @@ def chamber_model(arm: SoftArm, gain_std: float, slope_std: float, unit: Array) 
     fibre = np.divide(straight, axial[:, None], out=np.zeros_like(straight), where=axial[:, None] > 0.0)
     link = _links(arm.robot.chamber_names)
     gains, slopes = link.size, len(set(link.tolist()))
-    lower = np.concatenate([np.full(gains, _LEAST_GAIN), np.full(slopes, -_MOST_SLOPE)])
-    upper = np.concatenate([np.full(gains, _MOST_GAIN), np.full(slopes, _MOST_SLOPE)])
+    lower = np.concatenate([np.full(gains, LEAST_GAIN), np.full(slopes, -MOST_SLOPE)])
+    upper = np.concatenate([np.full(gains, MOST_GAIN), np.full(slopes, MOST_SLOPE)])
     return ChamberModel(arm, link, fibre, gain_std, slope_std, lower, upper, _STEP * unit)
 
 

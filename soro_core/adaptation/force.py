@@ -29,6 +29,12 @@ class LearnedForce:
         self.arm, self.scales = arm, scales_of(arm, pieces)
         self.size = size_of(arm.n_q)
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the entries of W, row by row."""
+        names = self.arm.robot.coordinate_names
+        return tuple(f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names)))
+
     def force(self, learned: Learned, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the learned force (n_q,).
 

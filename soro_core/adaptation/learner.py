@@ -20,6 +20,7 @@ from soro_core.adaptation.bounds import bounded_minimum
 from soro_core.adaptation.chamber_gains import chamber_model
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
+from soro_core.adaptation.kept import KeptNumbers
 from soro_core.adaptation.kernel.information import LearningRule, RuleFields, gain
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
@@ -81,7 +82,7 @@ class LearnerState:
     chambers : ndarray
         Relative gains and slopes of the chambers in force, see `ChamberModel`.
     information, moment : ndarray (size, size), (size,)
-        A and b of A theta = b.
+        A and b of A (theta - start) = b.
     prior : ndarray (size, size)
         A_0, a part of A.
     residual, regressor : ndarray (n_q,), (n_q, size); None before the first sample
@@ -133,9 +134,13 @@ class Learner:
         Prior, noise, forgetting and bounds.
     pieces : int
         Number of pieces into which each link is discretised.
+    kept : KeptNumbers, optional
+        What an earlier run has learned of the arm: the prior's means. Default: 0.
     """
 
-    def __init__(self, arm: SoftArm, config: LearnerConfig, pieces: int = 1) -> None:
+    def __init__(
+        self, arm: SoftArm, config: LearnerConfig, pieces: int = 1, kept: KeptNumbers | None = None
+    ) -> None:
         self.arm, self.force = arm, LearnedForce(arm, pieces)
         self.config = config = complete_learner(config, arm, self.force.scales.force)
         weights = self.force.size - 1
@@ -144,11 +149,16 @@ class Learner:
         self.size = self.force.size + self.chambers.size
         self.slope = self._slope()
         self.load_prior = np.diag(deviation**-2)
-        self.prior = self._prior(np.zeros(self.chambers.size))
         self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         bound = np.full(weights, config.weight_bound)
         self.lower = np.concatenate([[config.mass_lower_kg], -bound, self.chambers.lower])
         self.upper = np.concatenate([[config.mass_upper_kg], bound, self.chambers.upper])
+        self.names = ("tip_mass", *self.force.names, *self.chambers.names)
+        self.start = np.zeros(self.size)
+        if kept is not None:
+            self.start = kept.start(arm.robot, self.names, self.lower, self.upper)
+        self._room = self.lower - self.start, self.upper - self.start
+        self.prior = self._prior(self.start[self.force.size :])
         self._rule = LearningRule(
             config.low_pass_per_s,
             config.forget_s,
@@ -165,15 +175,21 @@ class Learner:
     def initial_state(self) -> LearnerState:
         """Return the prior."""
         return LearnerState(
-            **self._parts(np.zeros(self.size)),
+            **self._parts(self.start),
             information=self.prior.copy(),
             moment=np.zeros(self.size),
             prior=self.prior,
         )
 
     def _prior(self, chambers: Array, doubts_areas: bool = False) -> Array:
-        """Return A_0 (size, size) for such values of the chambers."""
-        return block_diagonal(self.load_prior, self.chambers.prior(chambers, doubts_areas))
+        """Return A_0 (size, size) for such values of the chambers.
+
+        Values that were kept are in doubt by their own size, as at the end of the run that learned them: a
+        file of another day is overcome as fast as the first one was.
+        """
+        kept = self.start[self.force.size :]
+        far = np.maximum(np.abs(kept), np.abs(chambers - kept))
+        return block_diagonal(self.load_prior, self.chambers.prior(far, doubts_areas))
 
     def _parts(self, theta: Array) -> dict[str, Any]:
         """Return all learned values as the fields of a state."""
@@ -232,13 +248,14 @@ class Learner:
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
         prior = self._prior(state.chambers, state.doubts_areas)
         information, moment = state.information + (prior - state.prior), state.moment.copy()
-        theta = np.concatenate([state.learned.theta, state.chambers])
+        # What is learned is the difference from the start, to which it returns.
+        theta = np.concatenate([state.learned.theta, state.chambers]) - self.start
         rule: RuleFields = self._rule._replace(prior=prior)[:]
-        sides = residual, regressor
+        sides = residual - regressor @ self.start, regressor
         is_determined = gain(rule, dt, covariance, sides, (information, moment), theta)
         if not is_determined:  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
-        within = bounded_minimum(information, moment, theta, self.lower, self.upper)
+        within = self.start + bounded_minimum(information, moment, theta, *self._room)
         mass_kg = within[0]
         at_bound_s = state.at_bound_s + dt if mass_kg in (self.lower[0], self.upper[0]) else 0.0
         note = ""
@@ -279,13 +296,14 @@ class Learner:
         dt : float
             Time since the last sample [s].
         """
-        theta = math.exp(-dt / self.config.forget_s) * np.concatenate([state.learned.theta, state.chambers])
+        theta = np.concatenate([state.learned.theta, state.chambers])
+        theta = self.start + math.exp(-dt / self.config.forget_s) * (theta - self.start)
         theta[0] = state.learned.mass_kg - self.mass_rate * power * dt
         within = np.minimum(np.maximum(theta, self.lower), self.upper)
         return replace(
             self.initial_state(),
             **self._parts(within),
-            moment=self.prior @ within,
+            moment=self.prior @ (within - self.start),
             refused=state.refused,
             restored=state.restored,
         )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any, Literal
 
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from soro_core.config import Floats, InnerError, Points, Strict
-from soro_core.control.laws.registry import find_law
+from soro_core.control.laws.registry import find_law, with_folder
 from soro_core.control.motion_config import EnableBounds, MotionConfig
 from soro_core.control.passivity.adaptation_config import Adaptation
 from soro_core.errors import ConfigError
@@ -201,7 +202,9 @@ class ControllerConfig(Strict):
         "",
         description="robot of the stated gains, a file or a name; default: the controlled robot",
     )
-    law: str = Field("adaptive", description="control law, a name of the registry (docs/adding_a_law.md)")
+    law: str = Field(
+        "adaptive", description="control law, a name of the registry or FILE.py:CLASS (docs/adding_a_law.md)"
+    )
     law_options: Mapping[str, Any] = Field({}, description="keys of the law")
     compensation: Literal["reference", "measured"] = Field(
         "reference",
@@ -232,7 +235,7 @@ class ControllerConfig(Strict):
     @field_validator("law")
     @classmethod
     def _known(cls, name: str) -> str:
-        find_law(name)
+        find_law(name := with_folder(name, Path()))
         return name
 
     @field_validator("law_options")

@@ -17,14 +17,20 @@ from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.control_monitor import ControlMonitorState, update_monitor
 from soro_core.control.external_references import GivenReferences
 from soro_core.control.gains import gains_of
-from soro_core.control.laws.call import call_law
+from soro_core.control.laws.call import call_law, try_law
+from soro_core.control.laws.guard import refused
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.motions.motion import Planner
 from soro_core.control.motions.obstacles import obstacles_of
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
-from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, with_own_range
+from soro_core.control.pressures.actuation import (
+    DEFAULT_RATE_HZ,
+    CompletePressures,
+    complete_pressures,
+    with_own_range,
+)
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.probing.plan import ProbedArm
 from soro_core.control.probing.procedure import Probe, ProbeSample, ProbeState
@@ -60,6 +66,7 @@ class Controller(GivenReferences):
         If the configuration does not fit the robot.
     """
 
+    @refused()
     def __init__(
         self,
         robot: Robot,
@@ -108,7 +115,10 @@ class Controller(GivenReferences):
         self.obstacles = obstacles_of(self.arm, model.links)
         self.check_way(self.law.initial_state(), np.zeros(self.arm.n_q))
         self.probe: Probe | None = None
-        refuse_lost_arm(self.law, self.initial_state(), self.step)
+        begin, still, dt = self.initial_state(), np.zeros(self.arm.n_q), 1.0 / DEFAULT_RATE_HZ
+        tick = partial(self._tick, begin, still, still, 0.0, dt, self._nothing, None, None)
+        try_law(self.law, tick, still)
+        refuse_lost_arm(self.law, begin, self.step)
         if (how := config.probe_at_enable) in ("refuse", "warn"):
             heaviest_kg = self.law.heaviest_kg()
             probed = ProbedArm(self.arm, self.fields, self.limit, known, heaviest_kg, config.enable)

@@ -137,7 +137,7 @@ class RestingArm:
             # Weighted so that both bounds count the same.
             weight = bounds.distance_m / math.radians(bounds.angle_deg)
             return inverse_kinematics(
-                self.arm, self.fields, last.position, last.quaternion, zero, self.limit, weight
+                self.arm, last.position, last.quaternion, zero, self.limit, weight, fields=self.fields
             ).q
         if last.quaternion is None or last.s <= END_TOLERANCE:
             return zero

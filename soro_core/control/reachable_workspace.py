@@ -14,8 +14,6 @@ from soro_core.model.equilibrium.statics import stable_equilibrium
 
 # Combinations of pressures, at most so many; every chamber has at least two levels.
 MOST = 1000
-# Points along the drawn shapes.
-_POINTS = 25
 # Directions about the base, for the radius that the tip reaches in each.
 _DIRECTIONS = 12
 
@@ -63,8 +61,8 @@ class Reachable:
 
 def reachable(
     arm: SoftArm,
-    minimum_pa: float,
-    maximum_pa: float,
+    minimum_pa: float | None = None,
+    maximum_pa: float | None = None,
     load_kg: float = 0.0,
 ) -> Reachable:
     """Return where the tip rests under a grid of pressures.
@@ -73,8 +71,8 @@ def reachable(
     ----------
     arm : SoftArm
         Model.
-    minimum_pa, maximum_pa : float
-        Range of the pressures [Pa gauge].
+    minimum_pa, maximum_pa : float, optional
+        Range of the pressures [Pa gauge]; default that of the robot.
     load_kg : float
         Mass at the tip beside that of the robot [kg].
 
@@ -87,7 +85,9 @@ def reachable(
     ModelError
         If the arm has no stable rest under any of them.
     """
-    grid = pressure_grid(np.full(arm.n_u, minimum_pa), np.full(arm.n_u, maximum_pa))
+    low, high = arm.robot.pressure_range_pa
+    low, high = low if minimum_pa is None else minimum_pa, high if maximum_pa is None else maximum_pa
+    grid = pressure_grid(np.full(arm.n_u, low), np.full(arm.n_u, high))
     found: list[tuple[Array, Array]] = []
     for pressure in grid:
         try:
@@ -98,18 +98,13 @@ def reachable(
     if not found:
         raise ModelError(f"{arm.robot.name} has no stable rest under any pressure", "load")
     pressures, coordinates = (np.array(rows) for rows in zip(*found, strict=True))
-    tips = np.array([arm.pose(q, arm.length)[:3, 3] for q in coordinates])
+    tips = arm.poses(coordinates, arm.length)[:, :3, 3]
     return Reachable(tips, pressures, coordinates, tips[0], len(grid) - len(found))
 
 
 def _in_mm(position_m: Array) -> Array:
     """Return a position [m] in tenths of a millimetre, as [mm], without a negative zero."""
     return np.asarray(np.round(1e3 * position_m, 1) + 0.0)
-
-
-def shape(arm: SoftArm, q: Array) -> Array:
-    """Return positions (n, 3) along the arm [m]."""
-    return np.array([arm.pose(q, s)[:3, 3] for s in np.linspace(0.0, arm.length, _POINTS)])
 
 
 def pressure_grid(minimum_pa: Array, maximum_pa: Array) -> Array:

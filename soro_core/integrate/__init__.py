@@ -1,7 +1,7 @@
 """Integration in time: `simulate`, steppers, derivatives of a step, air, and the balance of energy."""
 
 from soro_core.integrate.simulate import Result, simulate
-from soro_core.integrate.simulate_many import simulate_many
+from soro_core.integrate.simulate_many import Runs, simulate_many
 from soro_core.integrate.state import OK, State, Status
 from soro_core.integrate.stepper import STEPPERS, Stepper, make_stepper
 from soro_core.integrate.warm_up import warm_up
@@ -10,6 +10,7 @@ __all__ = [
     "OK",
     "STEPPERS",
     "Result",
+    "Runs",
     "State",
     "Status",
     "Stepper",

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+import logging
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from soro_core.arrays import Array
+from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import air_behind, air_pressures, initial_air
 from soro_core.integrate.causes import BY_LOAD, describe_at
@@ -21,11 +23,14 @@ from soro_core.model.equilibrium.statics import carried_share
 from soro_core.pneumatics.chamber import Gas
 from soro_core.pneumatics.valve_model import ValveModel
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 # Largest number of values in a run, 8 GB.
 MOST_NUMBERS = 1_000_000_000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
     """A simulated run; a failed one ends at its last good state.
 
@@ -41,6 +46,8 @@ class Result:
         Gauge pressures of the chambers [Pa].
     status : Status
         ``ok``, or what failed, when, and what to do.
+    arm : SoftArm
+        The arm.
     """
 
     t: Array
@@ -49,6 +56,40 @@ class Result:
     internal: Array
     pressure: Array
     status: Status
+    arm: SoftArm
+
+    def __repr__(self) -> str:
+        name, n = self.arm.robot.name, self.q.shape[1]
+        return f"Result({name}: {len(self.t)} times to {self.t[-1]:.6g} s, {n} coordinates, {self.status})"
+
+    @property
+    def tip(self) -> Array:
+        """Positions of the tip in the world (n_t, 3) [m]."""
+        return self.arm.poses(self.q, self.arm.length)[:, :3, 3]
+
+    def plot(self) -> Figure:
+        """Return a figure of the tip's way from its first place, coordinates and pressures over time."""
+        from matplotlib.figure import Figure  # loaded late: most runs are not drawn
+
+        figure = Figure(figsize=(8.0, 7.0), layout="constrained")
+        robot, tip = self.arm.robot, 1e3 * self.tip
+        stretch = np.array(
+            [not name.split("/")[1].startswith(("bending", "torsion")) for name in robot.coordinate_names]
+        )
+        panels = [
+            ("tip moves, mm", tip - tip[0], ("x", "y", "z")),
+            ("bending, torsion, 1/m", self.q[:, ~stretch], _named(robot.coordinate_names, ~stretch)),
+            ("elongation, shear", self.q[:, stretch], _named(robot.coordinate_names, stretch)),
+            ("pressure, kPa", 1e-3 * self.pressure, robot.chamber_names),
+        ]
+        panels = [panel for panel in panels if panel[2]]
+        for axes, (label, rows, names) in zip(figure.subplots(len(panels), sharex=True), panels, strict=True):
+            for row, name in zip(rows.T, names, strict=True):
+                axes.plot(self.t, row, label=name)
+            axes.set_ylabel(label)
+            axes.legend(loc="upper right", fontsize="small")
+        axes.set_xlabel("time, s")
+        return figure
 
 
 def simulate(
@@ -103,7 +144,45 @@ def simulate(
     ------
     ModelError
         If a shape, q0, qd0, t_end, dt, rtol or the integrator is not allowed.
+
+    Notes
+    -----
+    A line in the log of soro_core names pressures beyond `pressure_range_pa` of the robot.
     """
+    result = run_once(
+        arm,
+        q0,
+        qd0,
+        t_end=t_end,
+        dt=dt,
+        integrator=integrator,
+        pressure=pressure,
+        wrench=wrench,
+        valves=valves,
+        pressure0=pressure0,
+        internal0=internal0,
+        rtol=rtol,
+    )
+    note_range([result])
+    return result
+
+
+def run_once(
+    arm: SoftArm,
+    q0: ArrayLike | None = None,
+    qd0: ArrayLike | None = None,
+    *,
+    t_end: float = 1.0,
+    dt: float = 2e-3,
+    integrator: str = "trapezoidal",
+    pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
+    wrench: ArrayLike | None = None,
+    valves: ValveModel | None = None,
+    pressure0: ArrayLike | None = None,
+    internal0: ArrayLike | None = None,
+    rtol: float | None = None,
+) -> Result:
+    """Simulate without a look at the range of pressures; parameters as in `simulate`."""
     require(arm, SoftArm, "arm", "a SoftArm")
     require(valves, ValveModel | None, "valves", "a ValveModel")
     air = air_behind(arm, valves)
@@ -127,7 +206,32 @@ def simulate(
     carried = carried_share(arm, table[last, 0], wrench) if code in BY_LOAD else 1.0
     status = describe_at(code, arm, q[last], f" at t = {times[last]:.6g} s", carried)
     pressures = table[:end, 0] if not isinstance(air, Gas) else air_pressures(air, z[:end, arm.n_internal :])
-    return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status)
+    return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status, arm)
+
+
+def note_range(results: Sequence[Result]) -> None:
+    """Log one line if chambers had pressures beyond the range of their robot."""
+    for k, result in enumerate(results):
+        low, high = result.arm.robot.pressure_range_pa
+        beyond = np.maximum(result.pressure - high, low - result.pressure).max(axis=0, initial=0.0)
+        if (beyond > 1e-6 * (high - low)).any():
+            chamber = int(np.argmax(beyond))
+            values = result.pressure[:, chamber]
+            worst = values[int(np.argmax(np.abs(values - 0.5 * (low + high))))]
+            logging.getLogger("soro_core").warning(
+                "simulate: pressure: %s of %s has %.4g Pa%s; its pressure_range_pa is %g to %g Pa gauge",
+                result.arm.robot.chamber_names[chamber],
+                result.arm.robot.name,
+                worst,
+                f" in run {k}" if len(results) > 1 else "",
+                low,
+                high,
+            )
+            return
+
+
+def _named(names: Sequence[str], wanted: Flags) -> tuple[str, ...]:
+    return tuple(name for name, is_wanted in zip(names, wanted, strict=True) if is_wanted)
 
 
 def _times(t_end: float, dt: float, most: int) -> Array:

@@ -1,4 +1,4 @@
-"""Many simulations of one arm, on all cores."""
+"""Many simulations, of one arm or of many, on all cores."""
 
 from __future__ import annotations
 
@@ -11,36 +11,84 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from soro_core.arrays import Array
+from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError, short
-from soro_core.integrate.simulate import Result, simulate
+from soro_core.integrate.simulate import Result, note_range, run_once
 from soro_core.model import SoftArm
-from soro_core.model.checks import dimensions, require, shaped
+from soro_core.model.checks import dimensions, shaped
+from soro_core.robot import Robot
 
 Pressure: TypeAlias = Callable[[float], ArrayLike] | ArrayLike | None
 
 
+class Runs(tuple[Result, ...]):
+    """Runs in order, and their values in arrays; behind the end of a run that failed the arrays hold NaN."""
+
+    __slots__ = ()
+
+    @property
+    def ok(self) -> Flags:
+        """Which runs came to their end, (m,)."""
+        return np.array([run.status.ok for run in self])
+
+    @property
+    def t(self) -> Array:
+        """Times (n_t,) [s]."""
+        return max((run.t for run in self), key=len)
+
+    @property
+    def q(self) -> Array:
+        """Coordinates (m, n_t, n_q)."""
+        return self._stacked(lambda run: run.q)
+
+    @property
+    def qd(self) -> Array:
+        """Velocities (m, n_t, n_q)."""
+        return self._stacked(lambda run: run.qd)
+
+    @property
+    def pressure(self) -> Array:
+        """Gauge pressures (m, n_t, n_u) [Pa]."""
+        return self._stacked(lambda run: run.pressure)
+
+    @property
+    def tip(self) -> Array:
+        """Positions of the tips in the world (m, n_t, 3) [m]."""
+        return self._stacked(lambda run: run.tip)
+
+    def __repr__(self) -> str:
+        return f"Runs({len(self)} runs, {int(self.ok.sum())} ok)"
+
+    def _stacked(self, of: Callable[[Result], Array]) -> Array:
+        """Arrays of all runs, each filled up to the longest."""
+        rows, n = [of(run) for run in self], len(self.t)
+        return np.stack([np.pad(row, ((0, n - len(row)), (0, 0)), constant_values=np.nan) for row in rows])
+
+
 def simulate_many(
-    arm: SoftArm,
-    q0: ArrayLike,
+    arm: SoftArm | Sequence[SoftArm | Robot],
+    q0: ArrayLike | None = None,
     qd0: ArrayLike | None = None,
     *,
     pressure: Pressure | Sequence[Callable[[float], ArrayLike]] = None,
     internal0: ArrayLike | None = None,
     cores: int | None = None,
+    progress: Callable[[int, int], object] | None = None,
     **options: Any,
-) -> list[Result]:
-    """Simulate an arm from many initial states; each run is that of `simulate`, whatever the number of cores.
+) -> Runs:
+    """Simulate many times; each run is that of `simulate`, whatever the number of cores.
 
-    Threads share the arm: the compiled loop of a run does not hold the interpreter's lock and has a workspace
-    of its own. A pressure that is a function of time is evaluated before its run, on one core at a time.
+    The runs differ in their initial state, their pressures, their arm, or all of them. Threads share what is
+    read: the compiled loop of a run does not hold the interpreter's lock and has a workspace of its own. A
+    pressure that is a function of time is evaluated before its run, on one core at a time.
 
     Parameters
     ----------
-    arm : SoftArm
-        Model.
-    q0 : (m, n_q)
-        Initial coordinates, a row a run.
+    arm : SoftArm, or a sequence of m SoftArm or Robot
+        Model for all runs, or for each; all with the same numbers of coordinates and chambers. An arm is
+        built from each Robot.
+    q0 : (m, n_q) or (n_q,), optional
+        Initial coordinates, a row a run; default straight. One arm needs a row a run, here or in `pressure`.
     qd0 : (m, n_q) or (n_q,), optional
         Initial velocities; default at rest.
     pressure : callable, (n_u,), (m, n_u) or a list of m callables, optional
@@ -49,49 +97,89 @@ def simulate_many(
         Initial states of creep and hysteresis; default 0.
     cores : int, optional
         Number of runs at a time; default all cores that the process may use.
+    progress : callable, optional
+        Called in this thread after each run in order, with the numbers of runs done and of all runs.
     **options : Any
         The other arguments of `simulate`, for all runs.
 
     Returns
     -------
-    list of m Result
-        In the order of q0. A run that fails ends early, with its status.
+    Runs
+        m of `Result` in order, which has their values in arrays too. A run that fails ends early, with its
+        status.
 
     Raises
     ------
     ModelError
         If an argument is not allowed; that of one run is named by its row.
     """
-    require(arm, SoftArm, "arm", "a SoftArm")
-    name, m = arm.robot.name, len(q0) if dimensions(q0) == 2 else 1  # type: ignore[arg-type]
-    starts = shaped(q0, (m, arm.n_q), "q0", name)
-    rates, states = (
-        _rows(qd0, m, arm.n_q, "qd0", name),
-        _rows(internal0, m, arm.n_internal, "internal0", name),
-    )
-    inputs = _each(pressure, m, arm.n_u, name)
+    arms, m = _arms(arm), _count(arm, q0, pressure)
+    first = arms[0] if isinstance(arms[0], Robot) else arms[0].robot
+    name, n_q, n_u = first.name, first.n_q, first.n_u
+    n_internal = SoftArm(first).n_internal if isinstance(arms[0], Robot) else arms[0].n_internal
+    for k, one in enumerate(arms):
+        robot = one if isinstance(one, Robot) else one.robot
+        if (robot.n_q, robot.n_u) != (n_q, n_u):
+            raise ModelError(
+                f"arm {k}: {robot.n_q} coordinates and {robot.n_u} chambers; allowed are those of the first"
+                f" one, {n_q} and {n_u}",
+                "arm",
+            )
+    starts, rates = _rows(q0, m, n_q, "q0", name), _rows(qd0, m, n_q, "qd0", name)
+    states, inputs = _rows(internal0, m, n_internal, "internal0", name), _each(pressure, m, n_u, name)
     if cores is not None and (not isinstance(cores, Integral) or isinstance(cores, bool) or cores < 1):
         raise ModelError(f"cores = {short(cores)}: allowed is a whole number of 1 or more", "cores")
 
     def run(k: int) -> Result:
+        one = arms[k % len(arms)]
         try:
-            return simulate(arm, starts[k], rates[k], pressure=inputs[k], internal0=states[k], **options)
+            built = SoftArm(one) if isinstance(one, Robot) else one
+            return run_once(built, starts[k], rates[k], pressure=inputs[k], internal0=states[k], **options)
         except ModelError as error:
             raise ModelError(f"run {k}: {error}", error.key) from None
 
     with ThreadPoolExecutor(cores or _all_cores()) as pool:
-        runs = [pool.submit(run, k) for k in range(m)]
+        running = [pool.submit(run, k) for k in range(m)]
         try:
-            return [one.result() for one in runs]
-        except ModelError:
+            for done, ended in enumerate(running, start=1):  # in order, so that the first error is named
+                ended.result()
+                if progress is not None:
+                    progress(done, m)
+        except BaseException:  # an interrupt too must not wait for the runs that have not begun
             pool.shutdown(cancel_futures=True)
             raise
+    found = Runs(ended.result() for ended in running)
+    note_range(found)
+    return found
 
 
 def _all_cores() -> int:
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
+
+
+def _arms(arm: Any) -> Sequence[SoftArm | Robot]:
+    arms = [arm] if isinstance(arm, SoftArm) else list(arm) if isinstance(arm, Sequence) else []
+    if not arms or isinstance(arm, str) or not all(isinstance(one, SoftArm | Robot) for one in arms):
+        allowed = "a SoftArm, or a sequence of SoftArm or Robot"
+        raise ModelError(f"arm: got {short(arm)}; allowed: {allowed}", "arm")
+    return arms
+
+
+def _count(arm: Any, q0: Any, pressure: Any) -> int:
+    """Number of runs: what is given for each run says it."""
+    if not isinstance(arm, SoftArm):
+        return len(arm)
+    if q0 is not None and dimensions(q0) == 2:
+        return len(q0)
+    if isinstance(pressure, Sequence) and any(callable(one) for one in pressure):
+        return len(pressure)
+    if pressure is not None and not callable(pressure) and dimensions(pressure) == 2:
+        return len(pressure)
+    if q0 is None:
+        raise ModelError("q0: a row a run, (m, n_q), where neither arms nor pressures differ", "q0")
+    return len(shaped(q0, (1, arm.n_q), "q0", arm.robot.name))
 
 
 def _rows(values: ArrayLike | None, m: int, n: int, name: str, whose: str) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from numbers import Integral
 from typing import Literal
 
 import numpy as np
@@ -68,6 +69,20 @@ class SoftArm(ForwardDynamics):
         self._no_wrench = flat_wrench(robot, None)
         self._no_internal = np.zeros(self.n_internal)
         self._no_velocity = np.zeros(self.n_q)
+
+    def __reduce__(self) -> tuple[type[SoftArm], tuple[object, ...]]:
+        """Pickle what the arm is built from: its tables are in memory of compiled code."""
+        exact = self.method == "exact"
+        return type(self), (
+            self.robot,
+            self.method,
+            self.nodes if exact else None,
+            None if exact else self.steps,
+        )
+
+    def __repr__(self) -> str:
+        of = f"{self.nodes} nodes" if self.method == "exact" else f"{self.steps} steps"
+        return f"SoftArm({self.robot!r}, {self.method}, {of} a link)"
 
     def inertia_matrix(self, q: ArrayLike) -> Array:
         """Inertia matrix M (n_q, n_q), symmetric positive definite, docs/model.md (13)."""
@@ -204,15 +219,50 @@ class SoftArm(ForwardDynamics):
         found: Array = poses[0]
         return found
 
-    def poses(self, q: ArrayLike, s: float) -> Array:
-        """Poses (m, 4, 4) of the section at `s` for coordinates (m, n_q), as `pose` gives each."""
-        name = self.robot.name
-        m = len(q) if dimensions(q) == 2 else 1  # type: ignore[arg-type]
-        rows = shaped(q, (m, self.n_q), "q", name)
+    def poses(self, q: ArrayLike, s: ArrayLike) -> Array:
+        """Poses (4, 4), as `pose` gives each, of many coordinates, at many places, or both.
+
+        Parameters
+        ----------
+        q : (n_q,) or (m, n_q)
+            Coordinates.
+        s : float or (k,)
+            Undeformed lengths from the base [m].
+
+        Returns
+        -------
+        Array of shape (m, 4, 4), (k, 4, 4) or (m, k, 4, 4)
+        """
+        one, places = dimensions(q) != 2, np.atleast_1d(np.asarray(s, dtype=np.float64))
+        m = 1 if one else len(q)  # type: ignore[arg-type]
+        rows = shaped(q, (self.n_q,) if one else (m, self.n_q), "q", self.robot.name).reshape(m, self.n_q)
         finite(rows.ravel(), "q")
-        poses = np.empty((m, 4, 4))
-        entries.sections(self._box, self._place(s), rows, poses)
-        return poses
+        found = np.empty((m, len(places), 4, 4))
+        of_place = np.empty((m, 4, 4))
+        for k, place in enumerate(places):
+            entries.sections(self._box, self._place(float(place)), rows, of_place)
+            found[:, k] = of_place
+        if dimensions(s) == 0:
+            found = found[:, 0]
+        return found[0] if one else found
+
+    def backbone(self, q: ArrayLike, n: int = 50) -> Array:
+        """Positions [m] in the world of `n` places at even undeformed lengths, base and tip among them.
+
+        Parameters
+        ----------
+        q : (n_q,) or (m, n_q)
+            Coordinates.
+        n : int
+            Number of places, 2 or more.
+
+        Returns
+        -------
+        Array of shape (n, 3) or (m, n, 3)
+        """
+        if not isinstance(n, Integral) or isinstance(n, bool) or n < 2:
+            raise ModelError(f"n = {short(n)}: allowed is a whole number of 2 or more", "n")
+        return np.ascontiguousarray(self.poses(q, np.linspace(0.0, self.length, int(n)))[..., :3, 3])
 
     def jacobian(self, q: ArrayLike, s: float) -> Array:
         """Body Jacobian (6, n_q) at `s`, rows (angular, linear)."""

@@ -5,7 +5,7 @@ from soro_core.robot.chamber import Chamber
 from soro_core.robot.description import Calibration, Robot, SensorBody
 from soro_core.robot.discretisation import Discretisation, with_basis
 from soro_core.robot.link import Creep, Hysteresis, Link, Material
-from soro_core.robot.load import load_robot, robot_from_dict
+from soro_core.robot.load import load_robot, robot_from_dict, save_robot
 from soro_core.robot.section import link_damping, link_stiffness, shear_factors
 from soro_core.robot.strain import StrainField
 from soro_core.robot.surroundings import Contacts, Plane, PointMass, Sphere, TipConstraint
@@ -30,6 +30,7 @@ __all__ = [
     "link_stiffness",
     "load_robot",
     "robot_from_dict",
+    "save_robot",
     "shape_integrals",
     "shape_values",
     "shear_factors",

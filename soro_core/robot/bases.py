@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable
+from functools import lru_cache
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -197,8 +198,12 @@ def _samples(field: Field) -> tuple[tuple[float, ...], ...]:
     return field.samples
 
 
+@lru_cache(maxsize=64)
 def _gauss(n: int, pieces: int = 1) -> tuple[Array, Array]:
-    """Gauss-Legendre nodes and weights on 0 ... 1, n in each of the equal pieces."""
+    """Gauss-Legendre nodes and weights on 0 ... 1, n in each of the equal pieces; not to be written to."""
     x, weights = np.polynomial.legendre.leggauss(n)
-    at = (np.arange(pieces)[:, None] + (x + 1) / 2) / pieces
-    return at.ravel(), np.tile(weights / 2 / pieces, pieces)
+    at = ((np.arange(pieces)[:, None] + (x + 1) / 2) / pieces).ravel()
+    share = np.tile(weights / 2 / pieces, pieces)
+    for shared in (at, share):
+        shared.flags.writeable = False
+    return at, share

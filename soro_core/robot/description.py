@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from numbers import Integral, Real
 from typing import Annotated, Any, Literal
 
@@ -10,7 +11,7 @@ from pydantic import Field, ValidationInfo, field_validator
 from soro_core.config import Floats, Strict, parse
 from soro_core.errors import ConfigError
 from soro_core.robot.link import Link
-from soro_core.robot.parts import check_split, fields, plain, scaled_link, split_link
+from soro_core.robot.parts import check_split, fields, plain, put, scaled_link, split_link
 from soro_core.robot.surroundings import Contacts, PointMass, TipConstraint
 from soro_core.robot.vectors import Quaternion, Vector2, Vector3
 
@@ -154,6 +155,27 @@ class Robot(Strict):
             If a key is unknown or a value is not allowed.
         """
         return parse({**fields(self), **{k: plain(v) for k, v in changes.items()}}, Robot, where=self.name)
+
+    def with_(self, changes: Mapping[str, Any]) -> Robot:
+        """Return a copy with other values by path, checked again: ``robot.with_({"links[0].k_b[0]": 0.03})``.
+
+        Raises
+        ------
+        ConfigError
+            If a path leads nowhere, or a value is not allowed.
+        """
+        keys = fields(self)
+        for path, value in changes.items():
+            put(keys, self, path, plain(value))
+        return parse(keys, Robot, where=self.name)
+
+    def __repr__(self) -> str:
+        links = "1 link" if len(self.links) == 1 else f"{len(self.links)} links"
+        return (
+            f"Robot({self.name}: {links}, {self.length:.4g} m, {self.n_q} coordinates, {self.n_u} chambers)"
+        )
+
+    __str__ = __repr__
 
     def refine(self, k: int) -> Robot:
         """Split each link into `k` equal links of the same physics; the chambers run along all of them.

@@ -17,6 +17,10 @@ from soro_core.robot.vectors import Vector3
 LEAST_ELONGATION = -0.99
 
 
+# Densities [kg/m^3] of a material, from a light foam to a heavy metal.
+LIGHTEST, DENSEST = 20.0, 20e3
+
+
 class Material(Strict):
     """Linear elastic, linear viscous material of a solid round section, docs/model.md (16), (20)."""
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import logging
+import math
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -11,11 +13,12 @@ from typing import Any
 import numpy as np
 
 from soro_core.config import find_config, parse, read_yaml
-from soro_core.csv_rows import read_matrix
 from soro_core.errors import ConfigError
+from soro_core.files.csv_rows import read_matrix
 from soro_core.robot.bases import BASES
 from soro_core.robot.collapse import collapsing
 from soro_core.robot.description import Robot
+from soro_core.robot.link import DENSEST, LIGHTEST
 from soro_core.robot.strain import samples_fault
 
 _ENDINGS = (".npy", ".npz", ".csv")
@@ -141,6 +144,33 @@ def _keys_of(path: Path) -> dict[str, Any]:
     return {key: value for key, value in others.items() if key not in ("name", "description")} | own
 
 
+def save_robot(robot: Robot, path: str | Path) -> None:
+    """Write a robot file, which `load_robot` reads as an equal robot; modes stand in it as `samples`.
+
+    Parameters
+    ----------
+    robot : Robot
+    path : str or Path
+        File ending in .yaml; one that is there is replaced.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be written.
+    """
+    import yaml
+
+    file = Path(path)
+    if file.suffix != ".yaml":
+        raise ConfigError(str(file), "", file.suffix, "a path ending in .yaml")
+    keys = json.loads(robot.model_dump_json(exclude_unset=True))  # numbers of numpy become plain ones
+    text = yaml.safe_dump({"name": robot.name, **keys}, sort_keys=False, default_flow_style=None, width=110)
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError(str(file), "", error.strerror, "a file that can be written") from None
+
+
 def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
     """Make a robot from a dictionary with the keys of a robot file; log as `load_robot` does.
 
@@ -161,7 +191,19 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
 
 
 def _warned(robot: Robot, where: str) -> Robot:
-    """Log one line where chambers can make a link collapse within the range of pressures."""
+    """Log a line where a link weighs as no material does, or chambers can make one collapse."""
+    for i, link in enumerate(robot.links):
+        density = link.mass / (math.pi * link.radius**2 * link.length)
+        if not LIGHTEST <= density <= DENSEST:
+            logging.getLogger("soro_core").warning(
+                "%s: links[%d]: mass, radius and length make %.3g kg/m^3; allowed without this warning: a"
+                " material's, %g to %g; units are kg and m",
+                where,
+                i,
+                density,
+                LIGHTEST,
+                DENSEST,
+            )
     within = collapsing(robot)
     if within:
         low, high = (1e-3 * end for end in robot.pressure_range_pa)

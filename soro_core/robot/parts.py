@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 from soro_core.config import Strict
@@ -105,10 +106,59 @@ def fields(model: Strict) -> dict[str, Any]:
     return model.model_dump(exclude_unset=True)
 
 
+_STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
+
+
+def put(keys: dict[str, Any], model: Strict, path: str, value: Any) -> None:
+    """Set a value by its path, ``links[0].k_b[0]``, in the keys of a model; what it leaves out has defaults.
+
+    Parameters
+    ----------
+    keys : dict
+        As `fields` gives them; changed.
+    model : Strict
+        The model.
+    path : str
+    value : object
+        Plain value.
+
+    Raises
+    ------
+    ConfigError
+        If the path leads nowhere.
+    """
+    steps = [name or int(number) for name, number in _STEP.findall(path)]
+    if not steps or _STEP.sub("", path):
+        raise ConfigError("robot", path, value, "a path of keys and numbers, as links[0].k_b[0]")
+    inner: Any = keys
+    of: Any = model
+    for n, step in enumerate(steps):
+        of = _part(of, step)
+        is_there = step in inner if isinstance(inner, dict) else isinstance(step, int) and step < len(inner)
+        if n == len(steps) - 1 and (is_there or isinstance(inner, dict)):
+            inner[step] = value
+            return
+        below = inner[step] if is_there else plain(of)
+        if not isinstance(below, dict | list | tuple):
+            break
+        below = dict(below) if isinstance(below, dict) else list(below)
+        inner[step] = inner = below
+    raise ConfigError("robot", path, value, "the path of a value that the robot has, as links[0].k_b[0]")
+
+
+def _part(of: Any, step: str | int) -> Any:
+    """Return a key of a model or a mapping, or an entry of a list; None where there is none."""
+    if isinstance(step, str):
+        return of.get(step) if isinstance(of, dict) else getattr(of, step, None)
+    return of[step] if isinstance(of, list | tuple) and step < len(of) else None
+
+
 def plain(value: Any) -> Any:
-    """Return the keys of a model, and of those in a list, as plain values."""
+    """Return the keys of a model, of those in a list, and numbers of numpy as plain values."""
     if isinstance(value, Strict):
         return fields(value)
     if isinstance(value, list | tuple):
         return [plain(item) for item in value]
+    if hasattr(value, "tolist"):  # of numpy
+        return value.tolist()
     return value

@@ -82,7 +82,7 @@ def shear_factors(robot: Robot) -> Array:
         tuple(_is_corrected(link, f"bending_{axis}", f"shear_{axis}") for link in robot.links)
         for axis in "xy"
     ]
-    known = {plane: _plane_factors(robot, np.array(plane)) for plane in planes}  # mostly both are alike
+    known = {plane: _plane_factors(robot, np.array(plane)) for plane in set(planes)}  # mostly both are alike
     return np.stack([known[plane] for plane in planes], axis=1)
 
 
@@ -142,8 +142,6 @@ def _clamped_free(robot: Robot, omega: float, bending: Array, compliance: Array)
     State (deflection, rotation, moment, shear force), made dimensionless with the first link so that the
     determinant is well scaled.
     """
-    from scipy.linalg import expm  # loaded late: most robots need no material
-
     length, stiffness = robot.length, bending[0]
     transfer = np.eye(4)
     known: dict[tuple[float, ...], Array] = {}  # the parts of a refined robot are alike
@@ -158,9 +156,22 @@ def _clamped_free(robot: Robot, omega: float, bending: Array, compliance: Array)
             a[2, 1] = -rho * link.radius**2 / 4 * omega**2 * length**2 / stiffness
             a[2, 3] = -1.0
             a[3, 0] = -rho * omega**2 * length**4 / stiffness
-            known[section] = expm(a * link.length / length)
+            known[section] = _exponential(a * link.length / length)
         transfer = known[section] @ transfer
     return float(np.linalg.det(transfer[2:, 2:]))
+
+
+def _exponential(matrix: Array) -> Array:
+    """Return exp of a small matrix by its series; scipy's solves equations, which takes BLAS milliseconds."""
+    halvings = max(0, math.frexp(float(np.abs(matrix).sum(axis=1).max()))[1] + 1)
+    step = matrix / 2.0**halvings  # of norm 1/2 at most: 16 terms leave 1e-20
+    result = term = np.eye(len(matrix))
+    for k in range(1, 16):
+        term = term @ step / k
+        result = result + term
+    for _ in range(halvings):
+        result = result @ result
+    return result
 
 
 def _lower_bound(robot: Robot, bending: Array, compliance: Array) -> float:
@@ -184,12 +195,25 @@ def _lower_bound(robot: Robot, bending: Array, compliance: Array) -> float:
 
 
 def _first_root(function: Callable[[float], float], step: float) -> float:
-    """First root above 0 of a function that is positive at 0, searched in steps."""
-    from scipy.optimize import brentq  # loaded late: most robots need no material
+    """First root above 0 of a function that is positive at 0, searched in steps; then regula falsi, Illinois.
 
-    low = 0.0
-    if function(low) <= 0.0:
+    The import of scipy's root finders would take longer than all else of an arm.
+    """
+    low, at_low = 0.0, function(0.0)
+    if at_low <= 0.0:
         return low
-    while function(low + step) > 0.0:
-        low += step
-    return float(brentq(function, low, low + step, xtol=1e-13 * (low + step), rtol=1e-13))
+    while (at_high := function(low + step)) > 0.0:
+        low, at_low = low + step, at_high
+    high = low + step
+    tolerance = 1e-13 * high
+    while at_high != 0.0 and abs(high - low) > tolerance:
+        new = high - at_high * (high - low) / (at_high - at_low)
+        at_new = function(new)
+        if at_new * at_high < 0.0:
+            low, at_low = high, at_high
+        else:
+            at_low *= 0.5
+        moved, high, at_high = abs(new - high), new, at_new
+        if moved <= tolerance:
+            break
+    return high

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import TracebackType
 
 from soro_core.errors import HardwareError
-from soro_core.private_folder import make_private
+from soro_core.files.private_folder import make_private
 from soro_hardware.emulation.devices import EmulatedDevices
 from soro_hardware.emulation.endpoints import ENDPOINTS, PtyEndpoint, TcpEndpoint
 from soro_hardware.emulation.faults.fault_types import Injection

@@ -37,7 +37,7 @@ class LinearisedModes:
     shapes : ndarray (n_q, n_q)
         Columns, with shapes.T @ M @ shapes = 1.
     tip_share : ndarray (n_q,)
-        Part of the softness of the tip that each mode has; their sum is 1.
+        Part of the compliance of the tip that each mode has; their sum is 1.
     strain_share : ndarray (n_q, n_fields)
         Part of each strain field in the mean square of the strains of each mode; the sum of a row is 1.
     """
@@ -50,7 +50,7 @@ class LinearisedModes:
     strain_share: Array
 
     def dominant(self, count: int) -> list[int]:
-        """Numbers of the modes with most of the softness of the tip, the slowest first."""
+        """Numbers of the modes with most of the compliance of the tip, the slowest first."""
         # A margin keeps the slower of two equal modes first.
         order = sorted(range(len(self.tip_share)), key=lambda k: (-round(float(self.tip_share[k]), 6), k))
         return sorted(order[:count])
@@ -80,14 +80,14 @@ def modes(arm: SoftArm, q: Array, stiffness: Array) -> LinearisedModes:
         )
     shapes = _aligned(squares, shapes, inertia)
     tip = tip_jacobian(arm, q) @ shapes
-    softness = np.sum(tip**2, axis=0) / squares
+    compliance = np.sum(tip**2, axis=0) / squares
     damped_hz, ratio = _damped(arm, q, stiffness, inertia, shapes)
     return LinearisedModes(
         np.sqrt(squares) / (2.0 * np.pi),
         damped_hz,
         ratio,
         shapes,
-        softness / softness.sum(),
+        compliance / compliance.sum(),
         _strain_share(arm, shapes),
     )
 

@@ -1,4 +1,4 @@
-"""The picture of `soro reach`: resting places of the tip with its softness, frequencies, shapes of modes."""
+"""The picture of `soro reach`: resting places with the tip's compliance, frequencies, shapes of modes."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from soro_core.arrays import Array
-from soro_core.control.reachable_workspace import Reachable, shape
+from soro_core.control.reachable_workspace import Reachable
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
 from soro_lab.analysis.equilibrium_paths import EquilibriumPath, RestingPlace
@@ -85,7 +85,7 @@ def ellipse(compliance: Array, force_n: float, axes: tuple[int, int]) -> Array:
 
 
 def _places(figure: Any, arm: SoftArm, found: Reachable, ways: Sequence[EquilibriumPath]) -> None:
-    """Places of the tip from the side and from above, with ellipses of softness."""
+    """Places of the tip from the side and from above, with ellipses of compliance."""
     side, above = figure.subplots(1, 2)
     mean_kpa = 1e-3 * found.pressure_pa.mean(axis=1)
     order = np.argsort(mean_kpa)
@@ -95,7 +95,7 @@ def _places(figure: Any, arm: SoftArm, found: Reachable, ways: Sequence[Equilibr
     force = displacement_force(arm, shown)
     for axes, (i, j) in ((side, (0, 2)), (above, (0, 1))):
         for k in sorted(farthest):
-            x = 1e3 * shape(arm, found.q[k])
+            x = 1e3 * arm.backbone(found.q[k])
             axes.plot(x[:, i], x[:, j], color="0.8", lw=2, zorder=1)
         dots = axes.scatter(1e3 * tips[order, i], 1e3 * tips[order, j], c=mean_kpa[order], s=6, zorder=2)
         for n, place in enumerate(shown):
@@ -146,11 +146,11 @@ def _frequencies(axes: Any, ways: Sequence[EquilibriumPath], chosen: Sequence[in
 def _shapes(figure: Any, arm: SoftArm, rest: RestingPlace, chosen: Sequence[int]) -> None:
     """The dominant modes at rest, each in the vertical plane of its largest motion."""
     panels = figure.subplots(1, len(chosen), sharex=True, sharey=True, squeeze=False)[0]
-    figure.suptitle("modes at rest with most of the softness of the tip; black: rest", fontsize=9)
-    still = shape(arm, rest.q)
+    figure.suptitle("modes at rest with most of the compliance of the tip; black: rest", fontsize=9)
+    still = arm.backbone(rest.q)
     for axes, k in zip(panels, chosen, strict=True):
         step = rest.modes.shapes[:, k]
-        motion = (shape(arm, rest.q + 1e-4 * step / np.abs(step).max()) - still) * np.abs(step).max() / 1e-4
+        motion = (arm.backbone(rest.q + 1e-4 * step / np.abs(step).max()) - still) * np.abs(step).max() / 1e-4
         farthest = int(np.argmax(np.linalg.norm(motion, axis=1)))
         level = motion[farthest, :2]
         sideways = np.linalg.norm(level) > 1e-3 * np.linalg.norm(motion[farthest])
@@ -158,7 +158,7 @@ def _shapes(figure: Any, arm: SoftArm, rest: RestingPlace, chosen: Sequence[int]
         across = across * np.sign(across[np.argmax(np.abs(across))]) + 0.0
         size = _MODE * arm.length / np.linalg.norm(motion[farthest])
         for part, colour in ((1.0, "tab:red"), (-1.0, "tab:blue"), (0.0, "black")):
-            x = 1e3 * shape(arm, rest.q + part * size * step)
+            x = 1e3 * arm.backbone(rest.q + part * size * step)
             level_mm, width = x[:, :2] @ across, 2.0 if part == 0.0 else 1.5
             axes.plot(level_mm, x[:, 2], color=colour, lw=width)
             axes.plot(level_mm[-1], x[-1, 2], "o", color=colour, ms=5)  # seen where the lines are one
@@ -171,13 +171,13 @@ def _shapes(figure: Any, arm: SoftArm, rest: RestingPlace, chosen: Sequence[int]
 
 
 def _caption(arm: SoftArm, rest: RestingPlace, k: int) -> str:
-    """Frequency, damping, share of the softness of the tip and of the strains of one mode."""
+    """Frequency, damping, share of the compliance of the tip and of the strains of one mode."""
     modes = rest.modes
     swing = f"{modes.damped_hz[k]:.3g} Hz" if modes.damped_hz[k] else "no swing"
     lines = [f"mode {k + 1}: {frequency(modes, k)} Hz", f"with losses {swing},"]
     lines += [
         f"damping ratio {modes.damping_ratio[k]:.2f}",
-        f"{100 * modes.tip_share[k]:.0f} % of the softness",
+        f"{100 * modes.tip_share[k]:.0f} % of the compliance",
     ]
     shares = strain_shares(arm, modes.strain_share[k])
     lines += [f"{name} {100 * part:.0f} %" for name, part in shares.items() if part >= _NAMED]

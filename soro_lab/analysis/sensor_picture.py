@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from soro_core.control.reachable_workspace import shape
 from soro_lab.analysis.problem import Placement
 from soro_lab.analysis.sensor_report import steps
 
@@ -44,7 +43,7 @@ def _arm(axes: Any, placement: Placement) -> None:
     size = float(np.linalg.norm(away))
     across = away / size if size > 1e-6 else np.array([1.0, 0.0])
     for q, width, colour in ((placement.farthest, 3, "0.75"), (placement.rest, 5, "0.4")):
-        x = 1e3 * shape(arm, q)
+        x = 1e3 * arm.backbone(q)
         axes.plot(x[:, :2] @ across, x[:, 2], color=colour, lw=width, solid_capstyle="round", zorder=1)
     labels: dict[float, list[str]] = {}
     for number, k in enumerate(placement.chosen, 1):

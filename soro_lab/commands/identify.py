@@ -97,6 +97,15 @@ def identify(
             show_default=False,
         ),
     ] = None,
+    learn_from: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN",
+            help="Run folder of soro run, or its learned.yaml: what the law had learned of this robot is the "
+            "first guess of gains, area slopes and stiffness.",
+            show_default=False,
+        ),
+    ] = None,
     force: Annotated[bool, typer.Option(help="Replace --out and --report if they exist.")] = False,
     report: Annotated[
         Path | None,
@@ -120,12 +129,14 @@ def identify(
     """
     from rich.console import Console
 
+    from soro_core.adaptation.kept import kept_file, load_kept
     from soro_core.robot import load_robot
     from soro_lab.commands.identify_air import AirStage, sources
     from soro_lab.commands.identify_report import ReportOptions, write
     from soro_lab.commands.search_progress import SearchProgress
     from soro_lab.identification.arm.cases.physical import check_described
     from soro_lab.identification.arm.laws import LAWS, NAMED
+    from soro_lab.identification.arm.learned_start import with_learned
     from soro_lab.identification.arm.report.verdict import is_accepted, sentence
     from soro_lab.identification.arm.robot_yaml import impossible, number_table, robot_text
     from soro_lab.identification.arm.stages import IdentificationOptions
@@ -148,6 +159,8 @@ def identify(
     wanted = ReportOptions(report, profile)
     if described is not None:
         check_described(described, str(name))
+        if learn_from is not None:
+            described = with_learned(described, load_kept(learn_from), str(kept_file(learn_from)))
         wanted.check(described, force)
     console = Console(stderr=True)
     air = AirStage(out, volume_ml, supply_kpa, accept, force)
@@ -208,7 +221,7 @@ def identify(
 
 
 def _read(paths: list[Path], columns: list[str], robot: Robot | None) -> list[Recording]:
-    from soro_core.csv_rows import ENDINGS
+    from soro_core.files.csv_rows import ENDINGS
     from soro_lab.identification.recording import read_bag, read_csv
 
     tables = [path for path in paths if path.suffix.lower() in ENDINGS]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def sources(robot: str, recordings: Sequence[Path]) -> tuple[str | None, list[Path]]:
     """Return robot file and recordings; without a robot the first argument is a recording."""
-    from soro_core.csv_rows import ENDINGS
+    from soro_core.files.csv_rows import ENDINGS
 
     first = Path(robot)
     if first.suffix.lower() in (*ENDINGS, ".mcap") or first.is_dir():

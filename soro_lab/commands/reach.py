@@ -76,7 +76,7 @@ def reach(
         places.add_column(name)
     for cells in place_rows(through, modes):
         places.add_row(*cells)
-    for name in ("mode at rest", "Hz", "of the tip's softness", "strains"):
+    for name in ("mode at rest", "Hz", "of the tip's compliance", "strains"):
         shapes.add_column(name)
     for cells in mode_rows(arm, through, modes):
         shapes.add_row(*cells)

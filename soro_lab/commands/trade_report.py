@@ -97,7 +97,7 @@ def notes(study: Study) -> list[str]:
             "median CPU time of estimator and controller a tick."
         )
         reasons = {
-            row.candidate.space: row.loop.trouble for row in study.rows if row.loop and row.loop.trouble
+            row.candidate.space: row.loop.failure for row in study.rows if row.loop and row.loop.failure
         }
         lines += [f"Closed loop not available: {space}: {reason}" for space, reason in reasons.items()]
     causes = {row.failure.split(":", 1)[-1].split(";")[0].strip() for row in failed}

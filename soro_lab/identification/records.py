@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.csv_rows import CsvRows, number_of, quoted
 from soro_core.errors import ConfigError
+from soro_core.files.csv_rows import CsvRows, number_of, quoted
 
 # Time [s] by which a late row may be older than the one before; a clock that was set falls back by more.
 LATE_S = 0.1

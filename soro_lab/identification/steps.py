@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 
 from soro_core.arrays import Array, Flags
-from soro_core.csv_rows import quoted
 from soro_core.errors import ConfigError
+from soro_core.files.csv_rows import quoted
 from soro_lab.identification.records import read_columns
 
 T63 = 1.0 - np.exp(-1.0)

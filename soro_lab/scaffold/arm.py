@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from soro_core.errors import ConfigError
+from soro_core.robot.link import DENSEST, LIGHTEST
 from soro_lab.scaffold import estimate
 from soro_lab.scaffold.options import (
     MOUNTINGS,
@@ -22,7 +23,7 @@ from soro_lab.scaffold.quantity import GUESS, Noted, given, rounded
 # Where nothing is said [m], [Pa].
 LENGTH, RANGE = 0.1, (0.0, 90e3)
 # Of a silicone [kg/m^3], and of a whole link at least and at most.
-DENSITY, LIGHTEST, DENSEST = 1070.0, 20.0, 20e3
+DENSITY = 1070.0
 # A link that is denser than its material by so much has no radius that follows from its mass: the estimate
 # stops at half of the length.
 _HEAVY = 1.1

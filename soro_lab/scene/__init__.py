@@ -1,6 +1,6 @@
 """A scene describes a run: robot, platform, twin, estimator, controller, recorder."""
 
-from soro_lab.scene.check import check_gains, check_model, check_plant, check_scene
+from soro_lab.scene.check import check_gains, check_learned, check_model, check_plant, check_scene
 from soro_lab.scene.load import load_scene
 from soro_lab.scene.model import ModelSection, Requirement
 from soro_lab.scene.nodes import (
@@ -22,6 +22,7 @@ __all__ = [
     "Requirement",
     "Scene",
     "check_gains",
+    "check_learned",
     "check_model",
     "check_plant",
     "check_scene",

@@ -91,6 +91,35 @@ def check_model(scene: Scene, robot: Robot, where: str) -> None:
         _check_air(twin.integrator, plant, where)
 
 
+def check_learned(scene: Scene, where: str) -> None:
+    """Refuse learned numbers that are not those of the robot and the model of the scene, or out of bounds.
+
+    Parameters
+    ----------
+    scene : Scene
+        Scene, with its model stated or chosen.
+    where : str
+        File of the numbers, for the error.
+
+    Raises
+    ------
+    ConfigError
+        One line with file, key, what was found and what is allowed.
+    """
+    options = scene.controller.law_options
+    if not options.get("learned"):
+        return
+    from soro_core.adaptation.learner import Learner
+    from soro_core.control.laws.composite import CompositeOptions
+    from soro_core.model.discretised import discretised
+
+    given, model = CompositeOptions.model_validate(dict(options)), scene.discretisation
+    try:
+        Learner(discretised(scene.loaded_robot, model), given, model.links, given.learned)
+    except ConfigError as error:
+        raise ConfigError(where, error.key, error.got, error.allowed) from None
+
+
 def check_gains(scene: Scene, robot: Robot, where: str) -> str:
     """Refuse gains that are those of another robot.
 

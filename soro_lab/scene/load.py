@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from soro_core.config import config_folder, find_config, parse, read_yaml, with_changes
+from soro_core.control.laws.registry import with_folder
 from soro_core.errors import ConfigError
 from soro_core.safety import check_rating, rating_of
 from soro_lab.scene.limits import default_limits
@@ -31,10 +32,10 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     data |= {key: _beside(path.parent, data[key]) for key in _FILES if key in data}
     if isinstance(twin := data.get("twin"), dict) and "plant" in twin:
         data["twin"] = twin | {"plant": _beside(path.parent, twin["plant"])}
-    _read_controller(data)
+    _read_controller(data, path.parent)
     for key, value in (changes or {}).items():
         _set(data, key, value, str(path))
-        _read_controller(data)
+        _read_controller(data, Path())
     data.setdefault("name", path.stem)
     scene = parse(data, Scene, where=str(path))
     platform = scene.loaded_platform
@@ -57,10 +58,13 @@ def _beside(folder: Path, name: Any) -> Any:
     return name
 
 
-def _read_controller(data: dict[str, Any]) -> None:
-    """Replace the name of a controller file by its content."""
+def _read_controller(data: dict[str, Any], folder: Path) -> None:
+    """Replace the name of a controller file by its content; find the file of a law beside what names it."""
     if isinstance(name := data.get("controller"), str):
-        data["controller"] = read_yaml(find_config(name, "controllers"))
+        file = find_config(name, "controllers")
+        data["controller"], folder = read_yaml(file), file.parent
+    if isinstance(control := data.get("controller"), dict) and isinstance(law := control.get("law"), str):
+        data["controller"] = control | {"law": with_folder(law, folder)}
 
 
 def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:

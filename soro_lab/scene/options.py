@@ -8,7 +8,7 @@ from typing import Annotated, Any, TypeAlias
 import typer
 
 from soro_core.errors import ConfigError
-from soro_core.yaml_text import read_value
+from soro_core.files.yaml_text import read_value
 
 SCENE_HELP = "Scene file, or the name of a shipped one."
 SceneName: TypeAlias = Annotated[str, typer.Argument(help=SCENE_HELP)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -30,6 +30,9 @@ from soro_lab.scene.nodes import (
     RegulatorNodeConfig,
 )
 from soro_lab.scene.sections import RecorderSection, VerdictSection, sample_keys
+
+if TYPE_CHECKING:  # with the model's code
+    from soro_core.adaptation.kept import KeptNumbers
 
 
 class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
@@ -155,6 +158,22 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     def with_twin(self, twin: TwinSection) -> Scene:
         """Return the scene with another twin; it keeps the loaded robot and platform."""
         return self._with(twin=twin)
+
+    def with_learned(self, kept: KeptNumbers) -> Scene:
+        """Return the scene whose law starts from learned numbers; it keeps the loaded robot and platform.
+
+        Raises
+        ------
+        ConfigError
+            If its law keeps nothing.
+        """
+        law, options = self.controller.law, self.controller.law_options
+        if "learned" not in find_law(law).Options.model_fields:
+            raise ConfigError(
+                self.name, "controller.law", law, "composite, which can start from what is kept"
+            )
+        options = {**options, "learned": kept.model_dump(mode="json")}
+        return self._with(controller=with_changes(self.controller, law_options=options))
 
     def _with(self, **values: Any) -> Scene:
         other = with_changes(self, **values)

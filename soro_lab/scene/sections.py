@@ -18,7 +18,7 @@ class RecorderSection(Strict):
 
 
 class VerdictSection(Strict):
-    """Limits of a good and of a lost run, for runs of at least 5 s without injected faults."""
+    """Limits of a good and of a lost run without injected faults; under 5 s, of a lost one alone."""
 
     tip_error_part: float = Field(
         0.1,

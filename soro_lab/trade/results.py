@@ -178,7 +178,7 @@ class Study:
                 {
                     "model": row.candidate.section,
                     "errors_percent": row.errors and asdict(row.errors),
-                    "trouble": row.failure,
+                    "failure": row.failure,
                     "cost": row.cost and asdict(row.cost),
                     "closed_loop": row.loop and asdict(row.loop),
                     "measured_curvature_rms_per_m": row.measured_per_m,

@@ -36,14 +36,14 @@ class LoopError:
         RMS distance of the true tip from its reference over the last seconds [mm].
     worst_us, typical_us : float
         Longest and median CPU time of estimator and controller at a tick [us].
-    trouble : str
+    failure : str
         Why there is no result.
     """
 
     tracking_mm: float | None
     worst_us: float = 0.0
     typical_us: float = 0.0
-    trouble: str = ""
+    failure: str = ""
 
 
 def loop_seconds(scene: Scene) -> float:
@@ -84,9 +84,9 @@ def closed_loop(scene: Scene, model: Discretisation, truth: Candidate) -> LoopEr
         record = drive(scene, model, loop_seconds(scene), plant)
         error = record.tracking_error_m(LOOP_LAST_S)
     except (ConfigError, ModelError) as fault:
-        return LoopError(None, trouble=str(fault))
+        return LoopError(None, failure=str(fault))
     if not np.isfinite(error):
-        return LoopError(None, trouble="the controller gave no command")
+        return LoopError(None, failure="the controller gave no command")
     ticks = record.loop_us[1:]
     return LoopError(1e3 * error, float(ticks.max()), float(np.median(ticks)))
 

@@ -154,7 +154,7 @@ class _Run:
                 unknown.append(candidate)
             else:
                 errors = None if known["errors"] is None else Errors(**known["errors"])
-                self.rows[candidate] = CandidateResult(candidate, errors, known["trouble"])
+                self.rows[candidate] = CandidateResult(candidate, errors, known["failure"])
         total, done = len(candidates), len(candidates) - len(unknown)
         self.progress(f"errors, {text}", done, total)
         if not unknown or self.stop():
@@ -170,7 +170,7 @@ class _Run:
 
     def _note(self, outcome: Outcome, reference: str) -> None:
         self.rows[outcome.candidate] = CandidateResult(outcome.candidate, outcome.errors, outcome.failure)
-        value = {"errors": outcome.errors and asdict(outcome.errors), "trouble": outcome.failure}
+        value = {"errors": outcome.errors and asdict(outcome.errors), "failure": outcome.failure}
         self._keep(keys.error_key(self.key, reference, outcome.candidate), value)
 
     def _costs(self, text: str) -> None:

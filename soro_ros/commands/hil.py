@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from soro_hardware import signals
-from soro_hardware.findings_table import show, show_rows
 from soro_hardware.timing import punctual
 from soro_lab.run_folder import new_folder
+from soro_ros.commands.findings_table import show, show_rows
 
 if TYPE_CHECKING:
     import numpy as np

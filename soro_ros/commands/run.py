@@ -12,9 +12,10 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from soro_core.adaptation.kept import kept_file, load_kept
 from soro_core.errors import ConfigError, SoroError
 from soro_hardware import signals
-from soro_lab.scene import Scene, check_gains, check_scene
+from soro_lab.scene import Scene, check_gains, check_learned, check_scene
 from soro_lab.scene.options import Arm, Change, Device, Folder, SceneName, Valves, changes_of
 from soro_ros.run.end import End
 from soro_ros.run.execution import execute, make_folder, prepare
@@ -26,6 +27,12 @@ def run(
     valves: Valves = None,
     device: Device = None,
     arm: Arm = None,
+    learn_from: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="RUN", help="Run folder, or its learned.yaml: start from what the law had learned there."
+        ),
+    ] = None,
     folder: Folder = Path("runs"),
     figure: Annotated[bool, typer.Option(help="Draw the picture of the run.")] = True,
     view: Annotated[
@@ -42,6 +49,9 @@ def run(
     with signals.noted() as interrupted:
         changes = changes_of("soro run", change or [], valves, device, arm)
         loaded, where = prepare(scene, changes, check_scene, console, ["view"] if view else [])
+        if learn_from is not None:
+            loaded = loaded.with_learned(load_kept(learn_from))
+        check_learned(loaded, where if learn_from is None else str(kept_file(learn_from)))
         target = make_folder(folder, loaded, where)
         _check_gains(loaded, where, target, console)
         with _viewing(loaded, target, interrupted, console) if view else contextlib.nullcontext():
@@ -76,6 +86,7 @@ def _check_gains(scene: Scene, where: str, target: Path, console: Console) -> No
 def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console) -> int:
     """Judge a run, write and print the result; return the exit status."""
     from soro_ros.pictures.picture import draw
+    from soro_ros.recordings.learned import keep_learned
     from soro_ros.recordings.report import read_run, summarise, table
     from soro_ros.recordings.verdict import advice, judge, with_verdict, write
 
@@ -111,4 +122,6 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
         if summary is not None:
             console.print(f"film:    soro film {folder}")
             console.print(f"page:    soro report {folder}")
+    if recording is not None and verdict.word in ("good", "poor") and keep_learned(folder, recording, scene):
+        console.print(f"learned: soro run SCENE --learn-from {folder}", soft_wrap=True, highlight=False)
     return end.status or (0 if verdict.word == "good" else 1)

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from builtin_interfaces.msg import Duration, Time
 from sensor_msgs.msg import JointState
 
-from soro_core.csv_rows import number_of
+from soro_core.files.csv_rows import number_of
 from soro_ros.conversion.interfaces import message_class
 
 Value: TypeAlias = float | int | str

@@ -16,7 +16,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from soro_core.private_folder import make_private
+from soro_core.files.private_folder import make_private
 from soro_ros.host.latch_file import state_folder
 
 # At most so many bytes are in the file [B]; the one before it is kept as well.

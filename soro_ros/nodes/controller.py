@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from functools import partial
 
 from sensor_msgs.msg import JointState
@@ -17,9 +18,11 @@ from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.ticks.enable_check import EnableCheck
-from soro_ros.topics.diagnostics import ERROR, OK, WARN
+from soro_ros.topics.diagnostics import ERROR, NO_COMMAND, OK, WARN
 from soro_ros.topics.motion_job import REPLACED, STATUS, VENTED
 from soro_ros.topics.ports import Input, NodeOutputs, Publishers, subscribe
+
+_NUMBER = re.compile(r"[\d.]+")
 
 
 class ControllerNode(SoroNode[ControllerNodeConfig]):
@@ -30,6 +33,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     live = ("control.", "limits.")
 
     def setup(self, config: ControllerNodeConfig) -> None:
+        self._logged = ""
         lockstep = config.mode == "lockstep"
         # The limiter distinguishes two controllers by this name; in lockstep every run must be the same.
         source = self.get_fully_qualified_name() + ("" if lockstep else f" #{os.getpid()}")
@@ -120,6 +124,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     def _report(self, problems: str) -> None:
         self.diagnostics.update(WARN if problems else OK, problems or "active")
+        kind = _NUMBER.sub("", problems)
+        if problems.startswith(NO_COMMAND) and kind != self._logged:  # not each age of a late state
+            self._logged = kind
+            self.get_logger().warning(problems)
 
     def diagnose(self) -> None:
         counts: dict[str, object] = {"refused": self.state.watch.refused}

@@ -10,7 +10,7 @@ from pydantic.fields import FieldInfo
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 
 from soro_core.errors import ConfigError
-from soro_core.yaml_text import read_value
+from soro_core.files.yaml_text import read_value
 
 # What the bounds of a field are called; lengths are those of lists.
 _BOUNDS = {

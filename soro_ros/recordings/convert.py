@@ -16,8 +16,8 @@ from pydantic import Field
 from rclpy.serialization import serialize_message
 
 from soro_core.config import Strict, parse, read_yaml
-from soro_core.csv_rows import CsvRows, quoted
 from soro_core.errors import BagError, ConfigError
+from soro_core.files.csv_rows import CsvRows, quoted
 from soro_lab.bag import BagReader, BagWriter, Topic
 from soro_lab.bag.topics import qos_from
 from soro_ros.conversion.decoding import Messages

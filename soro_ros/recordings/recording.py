@@ -31,6 +31,7 @@ _USED = {
     *SHOWN,
     _LATCH,
     "controller/estimates",
+    "controller/deviations",
     "sensors/pose0",
     "arm/shadow/difference",
     "arm/shadow/tip",
@@ -80,6 +81,7 @@ class RunRecording:
     measured_tip: TopicSeries = EMPTY
     shadow: TopicSeries = EMPTY
     shadow_tip: TopicSeries = EMPTY
+    deviations: TopicSeries = EMPTY
     true_state: TopicSeries = EMPTY
     estimated_state: TopicSeries = EMPTY
     events: tuple[Event, ...] = ()
@@ -191,6 +193,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         diagnostics=diagnostics,
         faults=tuple(faults),
         measured_tip=series("sensors/pose0"),
+        deviations=series("controller/deviations"),
         shadow=series("arm/shadow/difference"),
         shadow_tip=series("arm/shadow/tip"),
         true_state=series("truth/state"),

@@ -65,7 +65,7 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
         return None
     length = scene.loaded_robot.length
     first = window(t, scene.controller.reference.start_s)
-    last = window(t, scene.duration_s - WINDOW_S)
+    last = window(t, scene.duration_s - last_s(scene), last_s(scene))
     estimated = recording.estimated_tip
     estimator_error = (
         np.linalg.norm(estimated.at(t) - recording.true_tip.at(t), axis=1)
@@ -76,7 +76,7 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
     low, high = pressure_bounds(scene)
     command = within(recording.command, scene.duration_s)
     at_bound = (command.value <= low + 1.0) | (command.value >= high - 1.0)
-    at_bound_last = at_bound[command.t >= scene.duration_s - WINDOW_S]
+    at_bound_last = at_bound[command.t >= scene.duration_s - last_s(scene)]
     reading = within(recording.reading, scene.duration_s).value
     reading = reading[np.isfinite(reading)]  # none of the chambers of a silent device
     settled = settling_time(t, error, SETTLED_PART_OF_LENGTH * length)
@@ -130,9 +130,22 @@ def tip_error(recording: RunRecording, duration_s: float) -> tuple[Array, Array]
     return t, np.asarray(np.linalg.norm(true.value[inside] - wanted.at(t), axis=1))
 
 
-def window(t: Array, begin_s: float) -> NDArray[np.bool_]:
-    """Return which times (n,) [s] are in the window from `begin_s`; none if they do not cover it."""
-    end_s = begin_s + WINDOW_S
+def last_s(scene: Scene) -> float:
+    """Return the length of the window at the end of a run [s]: a short run is judged as a whole."""
+    return min(WINDOW_S, scene.duration_s)
+
+
+def window(t: Array, begin_s: float, length_s: float = WINDOW_S) -> NDArray[np.bool_]:
+    """Return which times are in a window; none if they do not cover it.
+
+    Parameters
+    ----------
+    t : ndarray (n,)
+        Times [s].
+    begin_s, length_s : float
+        Begin and length of the window [s].
+    """
+    end_s = begin_s + length_s
     if t[0] > begin_s + MISSING_S or t[-1] < end_s - MISSING_S:
         return np.zeros(t.size, dtype=bool)
     return np.asarray((t >= begin_s) & (t <= end_s))
@@ -180,22 +193,22 @@ def title_of(scene: Scene) -> str:
 
 def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
     """Return the figures with their names, as texts."""
-    start = scene.controller.reference.start_s
+    start, last = scene.controller.reference.start_s, f"last {last_s(scene):g} s"
     adapting = " (while adapting)" if scene.controller.adapt else ""
     return [
         *_verdict(summary),
         ("adaptation", "on" if scene.controller.adapt else "off"),
         ("under control", f"{summary.duration_s:.2f} of {scene.duration_s:g} s"),
         (f"tip error RMS, {start:g} to {start + WINDOW_S:g} s{adapting}", _mm(summary.tip_error_first_rms_m)),
-        (f"tip error RMS, last {WINDOW_S:g} s", _mm(summary.tip_error_last_rms_m)),
-        (f"tip error max, last {WINDOW_S:g} s", _mm(summary.tip_error_last_max_m)),
-        (f"estimator's tip error RMS, last {WINDOW_S:g} s", _mm(summary.estimator_error_last_rms_m)),
+        (f"tip error RMS, {last}", _mm(summary.tip_error_last_rms_m)),
+        (f"tip error max, {last}", _mm(summary.tip_error_last_max_m)),
+        (f"estimator's tip error RMS, {last}", _mm(summary.estimator_error_last_rms_m)),
         (f"settling to {SETTLED_PART_OF_LENGTH:.0%} of the length", _settling(summary, scene)),
         (
             "measured pressures",
             _or_dash(f"{summary.pressure_min_pa / 1e3:.1f} to {summary.pressure_max_pa / 1e3:.1f} kPa"),
         ),
-        ("set points at a bound", _at_bound(summary)),
+        ("set points at a bound", _at_bound(summary, last)),
         ("frames sent / lost", f"{summary.frames_sent} / {summary.frames_lost}"),
         *_timing(summary, scene),
         *shadow_report.rows(summary.shadow),
@@ -210,8 +223,8 @@ def _verdict(summary: Summary) -> list[tuple[str, str]]:
     return [row for row in found if row[1]]
 
 
-def _at_bound(summary: Summary) -> str:
-    return f"{summary.saturated_part:.1%} (last {WINDOW_S:g} s: {summary.saturated_last_part:.1%})"
+def _at_bound(summary: Summary, last: str) -> str:
+    return f"{summary.saturated_part:.1%} ({last}: {summary.saturated_last_part:.1%})"
 
 
 def _injected(scene: Scene) -> list[tuple[str, str]]:

@@ -13,7 +13,7 @@ from soro_ros.recordings.causes import AT_LIMIT_PART, end_of_commands, probable_
 from soro_ros.recordings.events import warnings_at
 from soro_ros.recordings.evidence import evidence_of
 from soro_ros.recordings.recording import RunRecording
-from soro_ros.recordings.report import WINDOW_S, Summary
+from soro_ros.recordings.report import WINDOW_S, Summary, last_s
 from soro_ros.run.end import End
 
 # Words of trips by which nodes or devices are late; the first says that no command came.
@@ -67,7 +67,7 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
         found = _followed(summary, scene, recording)
     more = [line for line in end.warnings if line not in found.reason]
     reason = "; ".join(filter(None, (found.reason, *more)))
-    return replace(found, reason=reason, notes=_notes(said))
+    return replace(found, reason=reason, notes=(*found.notes, *_notes(said)))
 
 
 def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | None) -> Verdict:
@@ -76,22 +76,26 @@ def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | N
         return Verdict("good")
     if summary is None:
         return Verdict("good", "not judged: no tip was recorded")
-    if summary.duration_s < WINDOW_S:
-        return Verdict("good", f"too short to be judged, under {WINDOW_S:g} s")
+    last = f"the last {last_s(scene):g} s"
     limits, length, error = scene.verdict, scene.loaded_robot.length, summary.tip_error_last_rms_m
     lost: list[str] = []
     poor: list[str] = []
     if not math.isfinite(error):
-        lost.append(f"the tip was not known throughout the last {WINDOW_S:g} s")
+        lost.append(f"the tip was not known throughout {last}")
     for part, found in ((limits.tip_error_part, lost), (limits.good_part, poor)):
         if error > part * length:
             found.append(
-                f"tip error {1e3 * error:.1f} mm RMS in the last {WINDOW_S:g} s, {error / length:.1%} of the "
+                f"tip error {1e3 * error:.1f} mm RMS in {last}, {error / length:.1%} of the "
                 f"length, more than {100 * part:g}% ({1e3 * part * length:.1f} mm)"
             )
+    if scene.duration_s < WINDOW_S and not lost:  # chambers are still filled, and the load is not known yet
+        text = (
+            f"{scene.duration_s:g} s show that the arm is not lost; how well it follows takes {WINDOW_S:g} s"
+        )
+        return Verdict("good", notes=(text,))
     for what, part, most, found in (
         ("", summary.saturated_part, limits.at_bound_part, lost),
-        (f" of the last {WINDOW_S:g} s", summary.saturated_last_part, AT_LIMIT_PART, poor),
+        (f" of {last}", summary.saturated_last_part, AT_LIMIT_PART, poor),
     ):
         if part > most:
             found.append(f"{part:.0%} of the set points{what} at a bound, more than {100 * most:g}%")

@@ -7,7 +7,7 @@ import pytest
 import typer
 
 from soro_core.config import parse
-from soro_core.yaml_text import read_value
+from soro_core.files.yaml_text import read_value
 from soro_hardware.families import parse_platform
 from soro_lab.scene import Scene
 from soro_ros.cli import application

@@ -36,7 +36,7 @@ LEAK = {"at": 5.0, "fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0
         ({"saturated_last_part": 0.2}, {}, 0, "good", ()),
         ({"saturated_part": 0.51}, {}, 0, "lost", ("51%", "50%")),
         ({"saturated_part": 0.51}, {"verdict.at_bound_part": 0.6}, 0, "good", ()),
-        ({"saturated_part": 0.51, "duration_s": 2.0}, {}, 0, "good", ("5 s",)),
+        ({"tip_error_last_rms_m": 6.5e-3, "duration_s": 2.0}, {"duration_s": 2.0}, 0, "lost", ("last 2 s",)),
         ({"tip_error_last_rms_m": float("nan")}, {}, 0, "lost", ("5 s",)),
         # With injected faults a run is not judged by its figures.
         ({"tip_error_last_rms_m": 0.3}, {"faults": [LEAK]}, 0, "good", ()),
@@ -55,6 +55,20 @@ def test_a_run_is_judged_by_its_figures(figures, keys, status, word, names):
     assert verdict.word == word
     assert all(name in verdict.reason for name in names)
     assert bool(verdict.reason) == bool(names)
+
+
+def test_a_short_run_is_judged_by_what_is_there():
+    scene = load_scene("track_circle", {"duration_s": 2.0})
+    figures = {"duration_s": 1.995, "tip_error_last_rms_m": 6e-3, "saturated_part": 0.6}
+    verdict = judge(replace(GOOD, **figures), scene, End())
+    assert (verdict.word, verdict.reason) == ("good", "")
+    assert verdict.notes == ("2 s show that the arm is not lost; how well it follows takes 5 s",)
+
+
+def test_a_run_of_five_seconds_is_no_short_one():
+    # The last sample comes a tick before the end.
+    figures = replace(GOOD, duration_s=4.995, tip_error_last_rms_m=3e-3)
+    assert judge(figures, load_scene("track_circle", {"duration_s": 5.0}), End()).word == "poor"
 
 
 @pytest.mark.parametrize(

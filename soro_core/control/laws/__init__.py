@@ -5,6 +5,10 @@ from typing import TYPE_CHECKING
 from soro_core.extras import lazy
 
 if TYPE_CHECKING:
+    from soro_core.control.laws.adaptive import Adaptive as Adaptive
+    from soro_core.control.laws.composite import Composite as Composite
+    from soro_core.control.laws.computed_torque import ComputedTorque as ComputedTorque
+    from soro_core.control.laws.guard import LawError as LawError
     from soro_core.control.laws.protocol import ArmBelief as ArmBelief
     from soro_core.control.laws.protocol import Certainty as Certainty
     from soro_core.control.laws.protocol import Law as Law
@@ -13,10 +17,18 @@ if TYPE_CHECKING:
     from soro_core.control.laws.protocol import Preview as Preview
     from soro_core.control.laws.protocol import Setting as Setting
     from soro_core.control.laws.protocol import Terms as Terms
+    from soro_core.control.laws.registry import find_law as find_law
+    from soro_core.control.laws.tip_pid import TipPid as TipPid
 
 __all__, __getattr__ = lazy(
     __name__,
     {
+        ".adaptive": "Adaptive",
+        ".composite": "Composite",
+        ".computed_torque": "ComputedTorque",
+        ".guard": "LawError",
+        ".registry": "find_law",
+        ".tip_pid": "TipPid",
         ".protocol": "ArmBelief Certainty Law LawOptions Made Preview Setting Terms",
     },
 )

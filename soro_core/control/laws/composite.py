@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.kept import KeptNumbers
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learner import Learner, LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
@@ -34,6 +35,9 @@ class CompositeOptions(LearnerConfig, LawOptions):
     """Keys of the law: those of its learner, and what it knows of the bend."""
 
     nonuniform_strain: bool = Field(True, description="a load bends links of constant strain non-uniformly")
+    learned: KeptNumbers | None = Field(
+        None, description="what an earlier run has learned of the arm; soro run --learn-from states it"
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -81,14 +85,11 @@ class Composite(Law[CompositeState]):
     def __init__(self, setting: Setting, options: LawOptions) -> None:
         assert isinstance(options, CompositeOptions)
         self.setting, self.adapts = setting, setting.config.adapt
-        self.learner = Learner(setting.arm, options, setting.pieces)
+        self.learner = Learner(setting.arm, options, setting.pieces, options.learned)
         # What the inverse of the regulators' lag leaves of it [s].
         self.lag_s = max(setting.pressures.preview_s - setting.pressures.dead_time_s, 0.0)
         bends = options.nonuniform_strain and has_nonuniform_strain(setting.arm)
         self.nonuniform = NonuniformStrain(setting.arm, setting.pieces) if bends else None
-        names = setting.arm.robot.coordinate_names
-        weights = [f"{name}/{of}" for name in names for of in ("offset", *(f"by {by}" for by in names))]
-        self.names = ("tip_mass", *weights, *self.learner.chambers.names)
 
     def initial_state(self) -> CompositeState:
         """Return the state with nothing learned."""
@@ -158,11 +159,11 @@ class Composite(Law[CompositeState]):
         """Return the mass at the tip [kg], W, relative gains and area slopes by name."""
         theta = np.concatenate([state.learner.learned.theta, state.learner.chambers])
         theta[0] += self.setting.arm.robot.tip_mass
-        return dict(zip(self.names, theta.tolist(), strict=True))
+        return dict(zip(self.learner.names, theta.tolist(), strict=True))
 
     def deviations(self, state: CompositeState) -> dict[str, float]:
         """Return the deviations of the estimates by name."""
-        return dict(zip(self.names, self.learner.deviations(state.learner).tolist(), strict=True))
+        return dict(zip(self.learner.names, self.learner.deviations(state.learner).tolist(), strict=True))
 
     def learned(self, state: CompositeState) -> Learned:
         """Return the learned model for the filter; W has the tangents of what it is not learned for."""

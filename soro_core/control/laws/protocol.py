@@ -5,13 +5,14 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.arrays import Array
 from soro_core.config import Strict
+from soro_core.control.laws.guard import guard, is_from_outside
 
 if TYPE_CHECKING:  # a scene reads a law's keys without its model
     from soro_core.adaptation.learned import Learned
@@ -180,7 +181,9 @@ State = TypeVar("State")
 class Law(ABC, Generic[State]):
     """A control law. Its `__init__` takes a `Setting` and its options, and raises ConfigError to refuse.
 
-    Allocation of pressures, lag compensation and references are around it and the same for all laws.
+    Allocation of pressures, lag compensation and references are around it and the same for all laws. The
+    attribute `setting` is there before `__init__`. Methods of a law from outside soro raise LawError with its
+    name, file and line, whatever happens in them.
     """
 
     Options: ClassVar[type[LawOptions]] = LawOptions
@@ -193,9 +196,19 @@ class Law(ABC, Generic[State]):
 
     setting: Setting
 
-    @abstractmethod
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if is_from_outside(cls):
+            guard(cls, METHODS)
+
+    def __new__(cls, setting: Setting | None = None, options: LawOptions | None = None) -> Self:
+        law = super().__new__(cls)
+        if setting is not None:  # a copy brings its own
+            object.__setattr__(law, "setting", setting)
+        return law
+
     def __init__(self, setting: Setting, options: LawOptions) -> None:
-        """Keep what the ticks need, `setting` among it."""
+        """Keep what the ticks need; `setting` is kept already."""
 
     @abstractmethod
     def initial_state(self) -> State:
@@ -286,3 +299,6 @@ class Law(ABC, Generic[State]):
     def counts(self, state: State) -> dict[str, int]:
         """Return counts since the start, by name, for /diagnostics."""
         return {}
+
+
+METHODS = frozenset(name for name in vars(Law) if name == "__init__" or not name.startswith("_"))

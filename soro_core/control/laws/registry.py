@@ -1,17 +1,26 @@
-"""The laws by name: those shipped, and those of other packages by the entry point `soro.laws`."""
+"""The laws: those shipped, those of other packages by the entry point `soro.laws`, and FILE.py:CLASS."""
 
 from __future__ import annotations
 
+import re
+import sys
 from collections.abc import Mapping
+from functools import lru_cache
 from importlib import import_module
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
 from typing import Any, TypeAlias
 
 from soro_core import registered
+from soro_core.control.laws.guard import told
 from soro_core.control.laws.protocol import Law, LawOptions
 
 AnyLaw: TypeAlias = type[Law[Any]]
 
 GROUP = "soro.laws"
+_ONE = "subclass of soro_core.control.laws.Law"
+_IN_FILE = re.compile(r"(.+\.py):(\w+)")
 
 _HERE = "soro_core.control.laws"
 # A law that needs the model's code is loaded when it is used, not when a scene is read.
@@ -29,18 +38,59 @@ def names() -> tuple[str, ...]:
 
 
 def find_law(name: str) -> AnyLaw:
-    """Return the law of a name.
+    """Return the law of a name, or of FILE.py:CLASS, whose code is run.
 
     Raises
     ------
     ValueError
-        If there is none of this name, or its package does not load; the text says what is allowed.
+        If there is none of this name, or its package or file does not load; the text says what is allowed.
     """
     if name in SHIPPED:
         module, _, attribute = SHIPPED[name].partition(":")
         return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
-    law: AnyLaw = registered.load(GROUP, SHIPPED, name, _is_law, "subclass of soro_core.control.laws.Law")
+    if place := _IN_FILE.fullmatch(name):
+        return _law_of_file(Path(place[1]), place[2])
+    if name not in names():
+        raise ValueError(_allowed())
+    law: AnyLaw = registered.load(GROUP, SHIPPED, name, _is_law, _ONE)
     return law
+
+
+def with_folder(name: str, folder: Path) -> str:
+    """Return FILE.py:CLASS with the file in a folder, if it is there; any other name as it is."""
+    place = _IN_FILE.fullmatch(name)
+    if place is None or not (file := folder / place[1]).is_file():
+        return name
+    return f"{file.absolute()}:{place[2]}"
+
+
+def _allowed() -> str:
+    return f"one of {', '.join(names())}, or FILE.py:CLASS"
+
+
+def _law_of_file(file: Path, name: str) -> AnyLaw:
+    file = file.absolute()
+    if not file.is_file():
+        raise ValueError(f"{_allowed()}; there is no file {file}")
+    law: Any
+    try:
+        law = getattr(_module_of(file, file.stat().st_mtime_ns), name, None)
+    except Exception as error:  # whatever a file does when it is run
+        raise ValueError(f"{_allowed()}; {file} does not load ({told(error, str(file))})") from None
+    if not _is_law(law):
+        raise ValueError(f"{_allowed()}; {name} of {file} is no {_ONE}")
+    return law  # type: ignore[no-any-return]
+
+
+@lru_cache(maxsize=16)
+def _module_of(file: Path, changed_ns: int) -> ModuleType:
+    """Run a file once, and again after a change."""
+    spec = spec_from_file_location(str(file), file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[spec.name] = module_from_spec(spec)  # dataclasses look their module up there
+    spec.loader.exec_module(module)
+    return module
 
 
 def _is_law(found: Any) -> bool:

@@ -5,17 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array
 from soro_core.control.pressures.allocation import allocate, balanced_weight
 from soro_core.control.pressures.effective_pressure import effective_pressure_of
+from soro_core.errors import ModelError
 from soro_core.model import SoftArm
-from soro_core.robot.coordinates import StrainFields
+from soro_core.model.checks import finite, shaped
+from soro_core.robot.coordinates import StrainFields, strain_fields
 from soro_core.rotation import matrix_from_quaternion, rotation_log
 
 # The search ends after _SLOW_STEPS steps in a row that each leave more than _SLOW of the squared error: near
 # a solution the error falls much faster, and a pose out of reach must not delay the loop.
 _SLOW, _SLOW_STEPS = 0.99, 5
+# Largest elongation or shear, and largest bending or torsion of a link [rad], of a reference.
+STRETCH_LIMIT, BEND_LIMIT_RAD = 0.6, 3.0
 
 
 @dataclass(frozen=True)
@@ -30,13 +35,13 @@ class InverseSolution:
 
 def inverse_kinematics(
     arm: SoftArm,
-    fields: StrainFields,
-    position: Array,
-    orientation: Array | None,
-    start: Array,
-    limit: Array,
-    rotation_weight_m: float = 0.0,
+    position: ArrayLike,
+    orientation: ArrayLike | None = None,
+    start: ArrayLike | None = None,
+    limit: ArrayLike | None = None,
+    rotation_weight_m: float | None = None,
     iterations: int = 100,
+    fields: StrainFields | None = None,
 ) -> InverseSolution:
     """Find coordinates that bring the tip to a pose: damped least squares on bounded q (Levenberg-Marquardt).
 
@@ -46,27 +51,49 @@ def inverse_kinematics(
     ----------
     arm : SoftArm
         Kinematics.
-    fields : StrainFields
-        Strains of the arm's robot.
-    position : ndarray (3,)
+    position : (3,)
         Position of the tip in the world frame [m].
-    orientation : ndarray (4,) or None
-        Orientation (x, y, z, w); used only if `rotation_weight_m` is above 0.
-    start : ndarray (n_q,)
-        Start of the search.
-    limit : ndarray (n_q,)
-        Largest absolute strain of the field of each coordinate, > 0.
-    rotation_weight_m : float
-        Metres of position error that weigh as much as one radian.
+    orientation : (4,), optional
+        Orientation (x, y, z, w); default: free.
+    start : (n_q,), optional
+        Start of the search; default straight.
+    limit : (n_q,), optional
+        Largest absolute strain of the field of each coordinate, > 0; default 0.6 of elongation and shear,
+        3 rad a link of bending and torsion.
+    rotation_weight_m : float, optional
+        Metres of position error that weigh as much as one radian; default a tenth of the arm's length. At 0
+        the orientation is free.
     iterations : int
         Largest number of iterations.
+    fields : StrainFields, optional
+        Strains of the arm's robot, if they are known already.
 
     Returns
     -------
     InverseSolution
+        The nearest that was found, with its errors: a pose out of reach is no error.
+
+    Raises
+    ------
+    ModelError
+        If a shape or a number is not allowed.
     """
-    length = float(sum(link.length for link in arm.robot.links))
-    target = None if orientation is None or rotation_weight_m <= 0.0 else matrix_from_quaternion(orientation)
+    length, name = arm.length, arm.robot.name
+    fields = strain_fields(arm.robot) if fields is None else fields
+    position = finite(shaped(position, (3,), "position", name), "position")
+    begin = np.zeros(arm.n_q) if start is None else shaped(start, (arm.n_q,), "start", name)
+    if limit is None:
+        limit = np.where(fields.stretch, STRETCH_LIMIT, BEND_LIMIT_RAD / fields.length)
+    limit = shaped(limit, (arm.n_q,), "limit", name)
+    if rotation_weight_m is None:
+        rotation_weight_m = 0.1 * length
+    wanted = None
+    if orientation is not None:
+        turn = finite(shaped(orientation, (4,), "orientation", name), "orientation")
+        if not abs(float(turn @ turn) - 1.0) < 0.02:
+            raise ModelError("orientation: allowed is a unit quaternion x, y, z, w", "orientation")
+        wanted = matrix_from_quaternion(turn)
+    target = wanted if rotation_weight_m > 0.0 else None
 
     def residual(q: Array) -> tuple[Array, Array]:
         pose, jacobian = arm.pose_and_jacobian(q, length)
@@ -81,7 +108,7 @@ def inverse_kinematics(
             slopes.append(rotation_weight_m * jacobian[:3])
         return np.concatenate(rows), np.vstack(slopes) * limit
 
-    x = fields.within(start, limit) / limit
+    x = fields.within(begin, limit) / limit
     error, slope = residual(x * limit)
     damping, used, slow = 1e-3, 0, 0
     for used in range(1, iterations + 1):  # noqa: B007
@@ -103,9 +130,8 @@ def inverse_kinematics(
     q = x * limit
     pose = arm.pose(q, length)
     turn_error = 0.0
-    if orientation is not None:
-        turn = rotation_log(pose[:3, :3].T @ matrix_from_quaternion(orientation))
-        turn_error = float(np.linalg.norm(turn))
+    if wanted is not None:
+        turn_error = float(np.linalg.norm(rotation_log(pose[:3, :3].T @ wanted)))
     return InverseSolution(q, float(np.linalg.norm(position - pose[:3, 3])), turn_error, used)
 
 

@@ -54,12 +54,12 @@ class PathCoordinates:
         """Return coordinates for a pose of the tip, and the distance that remains [m]."""
         found = inverse_kinematics(
             self.arm,
-            self.fields,
             position,
             orientation,
             start,
             self.limit,
             self.config.reference.rotation_weight_m,
+            fields=self.fields,
         )
         return found.q, found.position_error_m
 

@@ -261,7 +261,7 @@ def tip_reference(
         raise ConfigError("tip reference", "position", where.tolist(), "three finite numbers [m]")
     if turn is not None and (turn.shape != (4,) or not abs(float(turn @ turn) - 1.0) < 0.02):
         raise ConfigError("tip reference", "orientation", turn.tolist(), "a unit quaternion x, y, z, w")
-    found = inverse_kinematics(arm, fields, where, turn, start, limit, config.rotation_weight_m)
+    found = inverse_kinematics(arm, where, turn, start, limit, config.rotation_weight_m, fields=fields)
     if found.position_error_m > config.tip_tolerance_m:
         got = f"{where.tolist()}, missed by {1e3 * found.position_error_m:.1f} mm"
         raise ConfigError("tip reference", "position", got, "a point that the tip can reach")

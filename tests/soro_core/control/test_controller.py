@@ -184,7 +184,7 @@ def test_inverse_kinematics_finds_reachable_tips(links, seed):
     q = np.tile([0.15, 12.0, 12.0], links) * rng.uniform(-1, 1, 3 * links)
     target = control.arm.pose(q, control.robot.length)
     start = np.zeros(3 * links)
-    found = inverse_kinematics(control.arm, control.fields, target[:3, 3], None, start, control.limit)
+    found = inverse_kinematics(control.arm, target[:3, 3], None, start, control.limit)
     assert found.position_error_m < 1e-8
     assert np.all(np.abs(found.q) <= control.limit)
     if links == 1:

@@ -1,5 +1,6 @@
 """Laws as parts: names, keys, what a law may not return, and laws that lose the arm."""
 
+import copy
 import re
 from importlib.metadata import EntryPoint
 from pathlib import Path
@@ -13,6 +14,7 @@ from soro_core import load_robot, registered, robot_from_dict
 from soro_core.config import find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.laws import Law
+from soro_lab.scene import load_scene
 from tests.refused import refused
 
 ROOT = Path(__file__).parents[3]
@@ -50,8 +52,8 @@ def test_the_example_of_the_page_runs(entry, monkeypatch):
     with refused("law", name, names=("adaptive", "computed_torque", "tip_pid")):
         config(law=name)
     entry(name, value)
-    keys = yaml.safe_load(re.search(r"```yaml\n(.*?)```", PAGE, re.S).group(1))
-    control = Controller(ROBOT, config(**keys))
+    keys = yaml.safe_load(re.search(r"```yaml\n(.*?)```", PAGE, re.S).group(1))["controller"]
+    control = Controller(ROBOT, config(**keys | {"law": name}))
     command = tick(control)
     assert command.status.ok
     assert command.estimates == {"run_s": DT}
@@ -62,6 +64,101 @@ def test_the_example_of_the_page_runs(entry, monkeypatch):
         config(law=name, law_options={"stiffness": 2.0})
     with refused("law_options.stifness", names=("stiffness",)):
         config(law=name, law_options={"stifness": 0.2})
+
+
+FILE = """
+from soro_core.control.laws import Law
+
+class Mine(Law):
+    def initial_state(self):
+        return 0
+
+    def step(self, state, belief, reference, dt):
+        q = reference.ahead.q
+        return state + 1, self.setting.arm.gravity_force(q) + self.setting.arm.elastic_force(q), {}
+"""
+
+
+def written(folder, text):
+    (folder / "my_law.py").write_text(text, encoding="utf-8")
+    return f"{folder / 'my_law.py'}:Mine"
+
+
+def test_a_law_of_a_file_needs_neither_package_nor_init(tmp_path, monkeypatch):
+    place = written(tmp_path, FILE)
+    control = Controller(ROBOT, config(law=place))
+    assert tick(control).status.ok
+    assert copy.copy(control.law).setting is control.law.setting
+    rest = np.zeros(3)
+    assert control.law.reference_force(0, rest, rest, rest) == pytest.approx(control.arm.gravity_force(rest))
+    monkeypatch.chdir(tmp_path)
+    assert config(law="my_law.py:Mine").law == place  # from the working folder, and stated as a whole path
+    written(tmp_path, FILE.replace("Mine", "Other"))
+    with refused("law", place, names=("adaptive", "FILE.py:CLASS", "Mine")):
+        config(law=place)
+
+
+def test_a_scene_finds_the_file_of_its_law_beside_itself(tmp_path, monkeypatch):
+    beside, elsewhere = tmp_path / "scenes", tmp_path / "elsewhere"
+    beside.mkdir(), elsewhere.mkdir()
+    place = written(beside, FILE)
+    (beside / "mine.yaml").write_text("robot: tue_three_bellow\ncontroller: {law: my_law.py:Mine}\n")
+    (beside / "far.yaml").write_text("robot: tue_three_bellow\ncontroller: gains.yaml\n")
+    (beside / "gains.yaml").write_text("law: my_law.py:Mine\n")
+    monkeypatch.chdir(elsewhere)
+    assert load_scene(beside / "mine.yaml").controller.law == place
+    assert load_scene(beside / "far.yaml").controller.law == place
+    with refused("controller.law", "my_law.py:Mine", names=("adaptive", "no file")):
+        load_scene("track_circle", {"controller.law": "my_law.py:Mine"})
+    of_folder = written(elsewhere, FILE)
+    assert load_scene("track_circle", {"controller.law": "my_law.py:Mine"}).controller.law == of_folder
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        (None, ("no file",)),
+        ("class Mine(:\n", ("SyntaxError", "my_law.py, line 1")),
+        ("a = 1\nb = a / 0\n", ("ZeroDivisionError", "my_law.py, line 2")),
+        ("Mine = 3\n", ("subclass of soro_core.control.laws.Law",)),
+    ],
+    ids=["no file", "syntax", "error", "number"],
+)
+def test_a_file_that_is_no_law_is_one_line(tmp_path, text, names):
+    place = str(tmp_path / "my_law.py:Mine") if text is None else written(tmp_path, text)
+    with refused("law", place, names=("adaptive", *names)):
+        config(law=place)
+
+
+@pytest.mark.parametrize(
+    "method",
+    [
+        "def __init__(self, setting, options):\n        {}",
+        "def initial_state(self):\n        {}",
+        "def step(self, state, belief, reference, dt):\n        {}",
+        "def reference_force(self, state, q, qd, qdd):\n        {}",
+        "def place(self, belief, reference):\n        {}",
+        "def actuation(self, state, actuation, q):\n        {}",
+        "def allocated(self, state, made, dt):\n        {}",
+        "def estimates(self, state):\n        {}",
+        "def counts(self, state):\n        {}",
+    ],
+    ids=lambda text: text.split("(")[0].removeprefix("def "),
+)
+@pytest.mark.parametrize(
+    ("line", "found"),
+    [
+        ("self.no_such_name", "AttributeError: 'Mine' object has no attribute 'no_such_name'"),
+        ("self.setting.arm.gravity_force([1.0])", "ModelError: "),
+    ],
+    ids=["python", "model"],
+)
+def test_a_law_that_fails_at_rest_is_refused_with_its_line(tmp_path, method, line, found):
+    text = f"{FILE}\n    {method.format(line)}\n"
+    place = written(tmp_path, text)
+    number = 1 + text.splitlines().index(f"        {line}")
+    with refused("law", place, names=(found, f"(my_law.py, line {number})")):
+        Controller(ROBOT, config(law=place))
 
 
 def test_a_law_that_does_not_load_is_one_line_with_the_others(entry):
@@ -100,10 +197,20 @@ class Bad(Law):
         return state + 1, self.answer, {}
 
 
+RAISED = 1 + Path(__file__).read_text(encoding="utf-8").splitlines().index("            raise self.answer")
+
+
 @pytest.mark.parametrize(
     "answer",
-    [np.zeros(2), np.zeros((3, 1)), np.array([0.0, np.nan, 0.0]), None, IndexError("no such link")],
-    ids=["two", "matrix", "not finite", "nothing", "error"],
+    [
+        np.zeros(2),
+        np.zeros((3, 1)),
+        np.array([0.0, np.nan, 0.0]),
+        None,
+        IndexError("no such link"),
+        np.linalg.LinAlgError("singular"),
+    ],
+    ids=["two", "matrix", "not finite", "nothing", "error", "singular"],
 )
 def test_what_a_law_may_not_return_holds_the_set_points(entry, monkeypatch, answer):
     monkeypatch.setattr(Bad, "answer", np.array([0.5, 0.0, 0.0]))
@@ -117,6 +224,9 @@ def test_what_a_law_may_not_return_holds_the_set_points(entry, monkeypatch, answ
     after, held = control.step(state, zero, zero, DT, DT, zero)
     assert not held.status.ok
     assert "bad" in held.status.message
+    if isinstance(answer, Exception):
+        assert str(answer) in held.status.message
+        assert f"(test_laws.py, line {RAISED})" in held.status.message
     assert after is state
     np.testing.assert_array_equal(held.setpoint_pa, good.setpoint_pa)
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from soro_core import kernel_folder as folders
-from soro_core.kernel_folder import UNUSED_S, kernel_folder
+from soro_core.files import kernel_folder as folders
+from soro_core.files.kernel_folder import UNUSED_S, kernel_folder
 
 AT_ONCE = 4
 
@@ -124,7 +124,7 @@ def test_a_lock_that_is_a_link_empties_nothing(temp, tmp_path, caplog):
 @pytest.mark.process
 def test_a_folder_of_one_process_goes_with_it(temp, tmp_path):
     temp.write_text("in the way")
-    code = "import soro_core.kernel_folder as f; print(f.kernel_folder('abc'))"
+    code = "import soro_core.files.kernel_folder as f; print(f.kernel_folder('abc'))"
     environment = {**os.environ, "TMPDIR": str(temp.parent), "PYTHONPATH": str(Path.cwd())}
     done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True)
     assert done.returncode == 0

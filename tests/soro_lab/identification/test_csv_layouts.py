@@ -10,8 +10,8 @@ import pytest
 from made_recordings import CHAMBERS, robot
 
 from soro_core.config import parse
-from soro_core.csv_rows import read_matrix
 from soro_core.errors import ConfigError
+from soro_core.files.csv_rows import read_matrix
 from soro_lab.identification import read_pressures
 from soro_lab.identification.recording import Columns, read_csv, summary
 from soro_lab.identification.records import read_columns, read_table

@@ -146,13 +146,13 @@ def test_a_controller_that_cannot_take_a_model_says_why(scene, monkeypatch):
     truth = Candidate(Discretisation(), "trapezoidal", 0.01)
     good = late.closed_loop(short, Discretisation(links=2), truth)
     assert 0.0 < good.tracking_mm < 30.0
-    assert good.trouble == ""
+    assert good.failure == ""
     six = scene(rate_hz=50, controller={"gains": {"k_p": [1.0, 1e-6]}}, twin={"pose": {"rate_hz": 50}})
     refused = late.closed_loop(six, Discretisation(), truth)
     assert refused.tracking_mm is None
-    assert "gains.k_p" in refused.trouble
+    assert "gains.k_p" in refused.failure
     varying = late.closed_loop(short, Discretisation(basis="legendre", order=1), truth)
-    assert (varying.tracking_mm is None) == bool(varying.trouble)
+    assert (varying.tracking_mm is None) == bool(varying.failure)
 
 
 def test_a_reference_of_explicit_steps_drives_a_twin_with_air_too(scene, monkeypatch):
@@ -160,5 +160,5 @@ def test_a_reference_of_explicit_steps_drives_a_twin_with_air_too(scene, monkeyp
     twin = {"pose": {"rate_hz": 50}, "air": "states"}
     short = scene(rate_hz=50, controller={"reference": {"start_s": 0.1}}, twin=twin)
     error = late.closed_loop(short, Discretisation(), Candidate(Discretisation(), "rk4", 0.01))
-    assert error.trouble == ""
+    assert error.failure == ""
     assert 0.0 < error.tracking_mm < 30.0

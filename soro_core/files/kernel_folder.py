@@ -16,7 +16,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from soro_core.private_folder import make_private
+from soro_core.files.private_folder import make_private
 
 PREFIX = "kernels-"
 UNUSED_S = 30 * 86400.0

@@ -1,0 +1,54 @@
+"""First guesses of an arm's numbers from what a controlled run has learned of it."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from statistics import fmean
+
+from soro_core.adaptation.kept import KeptNumbers
+from soro_core.adaptation.scales import FORCE_PART
+from soro_core.robot import Robot
+from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers
+
+# A smaller part of the described stiffness is no guess: load and gravity are in W too.
+_LEAST_PART = 0.2
+
+
+def with_learned(robot: Robot, kept: KeptNumbers, where: str = "learned") -> Robot:
+    """Return the robot with learned gains, area slopes and stiffness as its numbers.
+
+    The slope of the learned force by a coordinate itself counts as stiffness. Other entries of W, and the
+    load, have no number in a robot file.
+
+    Parameters
+    ----------
+    robot : Robot
+        As its file describes it.
+    kept : KeptNumbers
+    where : str
+        File of the numbers, for the error.
+
+    Raises
+    ------
+    ConfigError
+        If they were learned of another robot, or with its links divided.
+    """
+    kept.require_robot(robot, where)
+    learned = defaultdict(float, {name: value for name, (value, _) in kept.numbers.items()})
+    present, values = numbers_of(robot), dict[str, float]()
+    for index, link in enumerate(robot.links):
+        name = f"link{index}"
+        for key in ("e", "b"):
+            own = [
+                f"{name}/{s}" for s in link.strains if s.startswith({"e": "elongation", "b": "bending"}[key])
+            ]
+            if own:
+                part = 1.0 + FORCE_PART * fmean(learned[f"{strain}/by {strain}"] for strain in own)
+                values[f"{name}/k_{key}"] = max(part, _LEAST_PART) * present[f"{name}/k_{key}"].value
+        gains = [1.0 + learned[f"{name}/chamber{j}/gain"] for j in range(len(link.chambers))]
+        if gains:
+            values[f"{name}/gain"] = gains[0]
+            values |= {f"{name}/chamber{j}/gain": gains[j] / gains[0] for j in range(1, len(gains))}
+            slope = f"{name}/area_slope"
+            values[slope] = present[slope].value + learned[slope]
+    return with_numbers(robot, values)

@@ -1,0 +1,294 @@
+"""The library as a program uses it: names, short texts, shapes, copies, files, other processes, many runs."""
+
+import importlib
+import logging
+import multiprocessing
+import pickle
+import time
+
+import numpy as np
+import pytest
+
+import soro_core
+from soro_core import (
+    SoftArm,
+    equilibrium,
+    inverse_kinematics,
+    load_robot,
+    reachable,
+    robot_from_dict,
+    save_robot,
+    simulate,
+    simulate_many,
+)
+from soro_core.config import config_folder
+from soro_core.errors import ConfigError, ModelError
+from soro_core.rotation import quaternion_from_matrix
+from tests.refused import fails, refused
+
+SHIPPED = sorted(path.stem for path in (config_folder() / "robots").glob("*.yaml"))
+BELLOW = load_robot("tue_three_bellow")
+POD = robot_from_dict(
+    {
+        "links": [
+            {
+                "length": 0.1,
+                "radius": 0.01,
+                "mass": 0.03,
+                "k_e": [300.0, 0.0, 1.0],
+                "k_b": [0.01, 0.0, 1.0],
+                "strains": {
+                    "bending_x": {"basis": "pod", "modes": 1, "samples": [[1.0], [0.8], [0.5], [0.1], [0.0]]}
+                },
+            }
+        ]
+    }
+)
+
+
+@pytest.mark.parametrize(
+    "package", ["soro_core", "soro_core.control", "soro_core.estimation", "soro_lab.scene"]
+)
+def test_completion_sees_the_names_before_their_first_use(package):
+    module = importlib.import_module(package)
+    assert set(module.__all__) <= set(dir(module))
+    assert "__name__" in dir(module)
+    assert dir(module) == sorted(set(dir(module)))
+
+
+def test_the_names_of_the_library_are_public():
+    wanted = "equilibrium inverse_kinematics reachable Loop Law LawOptions save_robot simulate_many"
+    assert set(wanted.split()) <= set(soro_core.__all__)
+    assert all(getattr(soro_core, name).__doc__ for name in wanted.split())
+
+
+def test_what_is_shown_of_an_object_is_short():
+    arm = SoftArm(BELLOW)
+    run = simulate(arm, t_end=0.01)
+    assert repr(BELLOW) == "Robot(tue_three_bellow: 1 link, 0.064 m, 3 coordinates, 3 chambers)"
+    assert repr(arm) == f"SoftArm({BELLOW!r}, exact, 7 nodes a link)"
+    assert repr(run) == "Result(tue_three_bellow: 6 times to 0.01 s, 3 coordinates, ok)"
+    assert repr(simulate_many([arm, arm], t_end=0.01)) == "Runs(2 runs, 2 ok)"
+
+
+def test_backbone_and_poses_are_those_of_pose():
+    arm = SoftArm(load_robot("six_link"))
+    q = np.random.default_rng(1).normal(size=(3, arm.n_q)) * 0.1
+    places = np.linspace(0.0, arm.length, 7)
+    every = np.array([[arm.pose(one, s) for s in places] for one in q])
+    np.testing.assert_array_equal(arm.poses(q, places), every)
+    np.testing.assert_array_equal(arm.poses(q[0], places), every[0])
+    np.testing.assert_array_equal(arm.poses(q, places[2]), every[:, 2])
+    np.testing.assert_array_equal(arm.poses(q[0], places[2]), every[0, 2])
+    np.testing.assert_array_equal(arm.backbone(q, 7), every[..., :3, 3])
+    np.testing.assert_array_equal(arm.backbone(q[0], 7), every[0, :, :3, 3])
+    assert arm.backbone(q[0]).shape == (50, 3)
+    for n in (1, 2.5, True, "many"):
+        with fails(ModelError, "2 or more", key="n"):
+            arm.backbone(q[0], n)
+
+
+def test_inverse_kinematics_needs_a_place_alone():
+    arm = SoftArm(BELLOW)
+    q = np.array([0.1, 8.0, -5.0])
+    pose = arm.pose(q, arm.length)
+    found = inverse_kinematics(arm, pose[:3, 3])
+    assert found.position_error_m < 1e-9
+    assert found.q == pytest.approx(q, abs=1e-6)
+    far = inverse_kinematics(arm, [1.0, 0.0, 0.0])
+    assert far.position_error_m == pytest.approx(
+        np.linalg.norm([1.0, 0.0, 0.0] - arm.pose(far.q, arm.length)[:3, 3])
+    )
+    assert far.position_error_m > 0.9
+    turned = inverse_kinematics(arm, pose[:3, 3], quaternion_from_matrix(pose[:3, :3]), start=0.5 * q)
+    assert (turned.position_error_m, turned.rotation_error_rad) == pytest.approx((0.0, 0.0), abs=1e-7)
+    tilted = inverse_kinematics(arm, pose[:3, 3], [0.0, 0.0, 0.0, 1.0])
+    assert found.rotation_error_rad == 0.0  # of a free one
+    assert 0.0 < tilted.rotation_error_rad < np.arccos(pose[2, 2])
+    for key, given in (
+        ("position", {"position": [0.0, np.nan, 0.0]}),
+        ("position", {"position": [0.0, 0.0]}),
+        ("start", {"position": [0.0, 0.0, 0.06], "start": [0.0]}),
+        ("orientation", {"position": [0.0, 0.0, 0.06], "orientation": [0.0, 0.0, 0.0, 2.0]}),
+    ):
+        with fails(ModelError, key, key=key):
+            inverse_kinematics(arm, **given)
+
+
+def test_reachable_takes_the_range_of_the_robot():
+    arm = SoftArm(BELLOW.with_({"links[0].chambers": BELLOW.links[0].chambers[:1]}))
+    found = reachable(arm)
+    assert (found.pressure_pa.min(), found.pressure_pa.max()) == BELLOW.pressure_range_pa
+    q = equilibrium(arm, [0.0])
+    assert found.tip_m[0] == pytest.approx(arm.pose(q, arm.length)[:3, 3], abs=1e-9)
+
+
+def test_a_value_is_changed_by_its_path():
+    changed = BELLOW.with_(
+        {"links[0].k_b[0]": 0.5, "gravity[2]": 0.0, "links[0].chambers[1].dead_band_pa": 10.0}
+    )
+    assert changed.links[0].k_b == (0.5, *BELLOW.links[0].k_b[1:])
+    assert changed.gravity == (0.0, 0.0, 0.0)  # the default otherwise
+    assert [c.dead_band_pa for c in changed.links[0].chambers] == [
+        c.dead_band_pa if k != 1 else 10.0 for k, c in enumerate(BELLOW.links[0].chambers)
+    ]
+    assert BELLOW.with_({"links[0].k_b[0]": BELLOW.links[0].k_b[0]}) == BELLOW
+    assert POD.with_({"links[0].strains.bending_x.modes": 1}) == POD
+    for path in (
+        "links[3].mass",
+        "links[0].k_b[7]",
+        "links[0].k_b[0].x",
+        "links[0]..mass",
+        "",
+        "gravity[-1]",
+        "nothing.at.all",
+    ):
+        with refused(path, names=("links[0].k_b[0]",)):
+            BELLOW.with_({path: 1.0})
+    with refused("links[0].wings"):
+        BELLOW.with_({"links[0].wings": 1.0})
+    with refused("links[0].radius"):
+        BELLOW.with_({"links[0].radius": -1.0})
+
+
+@pytest.mark.parametrize("robot", [*map(load_robot, SHIPPED), POD], ids=[*SHIPPED, "pod"])
+def test_a_saved_robot_is_read_as_the_same(robot, tmp_path):
+    save_robot(robot, tmp_path / "saved.yaml")
+    assert load_robot(tmp_path / "saved.yaml") == robot
+
+
+def test_numbers_of_numpy_are_saved_and_a_wrong_path_is_named(tmp_path):
+    changed = BELLOW.with_({"links[0].radius": np.float64(1e-5), "gravity": np.array([0.0, 0.0, 1e-7])})
+    save_robot(changed, str(tmp_path / "saved.yaml"))
+    assert load_robot(tmp_path / "saved.yaml") == changed
+    for path in (tmp_path / "saved.txt", tmp_path / "nowhere" / "saved.yaml"):
+        with pytest.raises(ConfigError, match=path.name):
+            save_robot(BELLOW, path)
+
+
+def moved(arm):
+    """What a spawned process computes."""
+    return arm, arm.pose(np.full(arm.n_q, 0.01), arm.length), simulate(arm, t_end=0.01).q
+
+
+@pytest.mark.slow
+def test_an_arm_and_a_run_pass_into_a_process_and_back():
+    arm = SoftArm(BELLOW, nodes=9)
+    with multiprocessing.get_context("spawn").Pool(1) as pool:
+        again, pose, q = pool.apply(moved, (arm,))
+    assert (repr(again), again.robot) == (repr(arm), BELLOW)
+    np.testing.assert_array_equal(pose, moved(arm)[1])
+    np.testing.assert_array_equal(q, moved(arm)[2])
+
+
+def test_arms_robots_and_runs_pickle():
+    arm = SoftArm(POD)
+    again, robot, run = pickle.loads(pickle.dumps((arm, POD, simulate(arm, t_end=0.01))))
+    assert robot == POD
+    np.testing.assert_array_equal(again.stiffness_matrix(np.zeros(1)), arm.stiffness_matrix(np.zeros(1)))
+    np.testing.assert_array_equal(run.tip, simulate(arm, t_end=0.01).tip)
+    steps = SoftArm(BELLOW, method="mde", steps=5)
+    assert (
+        repr(pickle.loads(pickle.dumps(steps))) == repr(steps) == f"SoftArm({BELLOW!r}, mde, 5 steps a link)"
+    )
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_an_arm_is_built_in_three_milliseconds(name):
+    robot = load_robot(name)
+    SoftArm(robot)  # kernels
+    spent = []
+    for _ in range(30):
+        begin = time.thread_time()
+        SoftArm(robot)
+        spent.append(time.thread_time() - begin)
+    assert min(spent) < 3e-3
+
+
+def test_a_run_has_its_tip_and_draws_itself(tmp_path):
+    arm = SoftArm(BELLOW)
+    run = simulate(arm, q0=[0.0, 5.0, 0.0], t_end=0.05)
+    np.testing.assert_array_equal(run.tip, [arm.pose(q, arm.length)[:3, 3] for q in run.q])
+    figure = run.plot()
+    assert [len(axes.lines) for axes in figure.axes] == [3, 2, 1, 3]
+    np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), run.q[:, 1])
+    figure.savefig(tmp_path / "run.png", dpi=30)
+    assert len(simulate(SoftArm(POD), t_end=0.01).plot().axes) == 2  # no elongation, no chamber
+
+
+def test_many_runs_of_many_robots_are_those_of_each():
+    robots = [
+        BELLOW.with_({"links[0].k_b[0]": factor * BELLOW.links[0].k_b[0]}) for factor in (0.8, 1.0, 1.3)
+    ]
+    told = []
+    runs = simulate_many(
+        robots,
+        q0=[0.0, 4.0, 0.0],
+        t_end=0.02,
+        pressure=[1e3, 0.0, 0.0],
+        progress=lambda done, of: told.append((done, of)),
+    )
+    alone = [simulate(SoftArm(one), [0.0, 4.0, 0.0], t_end=0.02, pressure=[1e3, 0.0, 0.0]) for one in robots]
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    for name in ("q", "qd", "pressure", "tip"):
+        np.testing.assert_array_equal(getattr(runs, name), [getattr(one, name) for one in alone])
+    np.testing.assert_array_equal(runs.t, alone[0].t)
+    assert runs.ok.all()
+    with fails(ModelError, "arm 1", "3 coordinates and 1 chambers", "3 and 3", key="arm"):
+        simulate_many([BELLOW, load_robot("srl_one_segment")])
+    with fails(ModelError, "SoftArm or Robot", key="arm"):
+        simulate_many([])
+    with fails(ModelError, "a row a run", key="q0"):
+        simulate_many(SoftArm(BELLOW))
+
+
+def test_arrays_of_runs_hold_nothing_behind_the_end_of_one_that_fails():
+    runs = simulate_many(SoftArm(BELLOW), pressure=np.array([[0.0] * 3, [-1e6] * 3]), t_end=0.01, dt=1e-3)
+    ends = [len(run.t) for run in runs]
+    assert runs.q.shape == (2, 11, 3)
+    assert ends[1] < ends[0] == 11
+    assert np.isfinite(runs.q[0]).all()
+    assert np.isfinite(runs.q[1, : ends[1]]).all()
+    assert np.isnan(runs.q[1, ends[1] :]).all()
+    assert runs.ok.tolist() == [True, False]
+
+
+def test_an_interrupt_ends_many_runs_soon():
+    begun = []
+
+    def wave(t):
+        begun.append(t)
+        return np.zeros(3)
+
+    def stop(done, of):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        simulate_many([BELLOW] * 200, pressure=wave, t_end=0.004, dt=2e-3, cores=1, progress=stop)
+    assert len(begun) < 200
+
+
+def test_pressures_beyond_the_range_are_named_once(caplog):
+    arm = SoftArm(BELLOW)
+    with caplog.at_level(logging.WARNING, "soro_core"):
+        simulate(arm, pressure=[90e3, 0.0, 0.0], t_end=0.004)
+        assert caplog.messages == []
+        simulate(arm, pressure=[0.0, 30e6, 0.0], t_end=0.004)
+        (line,) = caplog.messages
+        assert all(text in line for text in ("link0/chamber1", "3e+07 Pa", "0 to 90000 Pa", BELLOW.name))
+        caplog.clear()
+        simulate_many(arm, pressure=np.array([[0.0] * 3, [0.0, 0.0, -5e3], [95e3, 0.0, 0.0]]), t_end=0.004)
+        (line,) = caplog.messages
+        assert all(text in line for text in ("link0/chamber2", "-5000 Pa", "run 1"))
+
+
+def test_a_robot_in_mm_and_g_is_named(caplog):
+    link = {"length": 64.0, "radius": 15.0, "mass": 17.0, "k_e": [300.0, 0.0, 1.0], "k_b": [0.01, 0.0, 1.0]}
+    with caplog.at_level(logging.WARNING, "soro_core"):
+        robot_from_dict({"links": [link]})
+        (line,) = caplog.messages
+        assert all(text in line for text in ("links[0]", "kg/m^3", "units are kg and m"))
+        caplog.clear()
+        for name in SHIPPED:
+            load_robot(name)
+        assert not [line for line in caplog.messages if "kg/m^3" in line]

@@ -1,0 +1,61 @@
+"""`soro identify --learn-from`: first guesses from what a controlled run has learned."""
+
+import pytest
+
+from soro_core import load_robot
+from soro_core.adaptation.kept import FILE, KeptNumbers, digest_of
+from soro_lab.identification.arm.cases.parameters import numbers_of
+from soro_lab.identification.arm.learned_start import with_learned
+from tests.refused import refused
+
+ROBOT = load_robot("tue_three_bellow")
+LEARNED = {
+    "tip_mass": 0.02,
+    "link0/elongation/by link0/elongation": -2.0,
+    "link0/elongation/by link0/bending_x": 3.0,
+    "link0/bending_x/by link0/bending_x": 2.0,
+    "link0/bending_y/by link0/bending_y": 4.0,
+    "link0/chamber0/gain": 0.1,
+    "link0/chamber1/gain": -0.3,
+    "link0/chamber2/gain": 0.2,
+    "link0/area_slope": 2.6,
+}
+
+
+def kept(**changes):
+    numbers = {name: (value, 0.01) for name, value in LEARNED.items()}
+    keys = {"version": 1, "robot": ROBOT.name, "digest": digest_of(ROBOT), "numbers": numbers}
+    return KeptNumbers(**{**keys, **changes})
+
+
+def test_gains_slopes_and_stiffness_are_the_learned_ones():
+    found = with_learned(ROBOT, kept())
+    for i, (was, now) in enumerate(zip(ROBOT.links[0].chambers, found.links[0].chambers, strict=True)):
+        gain = 1.0 + LEARNED[f"link0/chamber{i}/gain"]
+        assert now.alpha_eps == pytest.approx(gain * was.alpha_eps)
+        assert now.alpha_kappa == pytest.approx(gain * was.alpha_kappa)
+        assert now.area_slope == pytest.approx(was.area_slope + 2.6)
+    was, now = (numbers_of(robot) for robot in (ROBOT, found))
+    assert now["link0/k_e"].value == pytest.approx(0.8 * was["link0/k_e"].value)
+    assert now["link0/k_b"].value == pytest.approx(1.3 * was["link0/k_b"].value)
+    assert found.tip_mass == ROBOT.tip_mass
+
+
+def test_another_robot_is_refused():
+    with refused("robot", "other"):
+        with_learned(ROBOT, kept(robot="other"))
+    with refused("digest"):
+        with_learned(ROBOT, kept(digest="sha256:0"))
+
+
+def test_the_command_refuses_what_is_not_of_its_robot(tmp_path):
+    from typer.testing import CliRunner
+
+    from soro_core.errors import ConfigError
+    from soro_ros.cli import application
+
+    (tmp_path / FILE).write_text(kept(robot="other").to_yaml())
+    words = ["identify", "tue_three_bellow", "bag", "--out", "out.yaml", "--learn-from", str(tmp_path)]
+    result = CliRunner().invoke(application(), words)
+    assert isinstance(result.exception, ConfigError)
+    assert (result.exception.where, result.exception.key) == (str(tmp_path / FILE), "robot")

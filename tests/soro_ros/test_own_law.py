@@ -1,0 +1,42 @@
+"""docs/adding_a_law.md as it is written: a law of a file, by `soro run`; and one that fails on the way."""
+
+import re
+import shutil
+
+import pytest
+
+from tests.docs.test_pages import ROOT
+from tests.soro_ros.running import run, summary
+
+PAGE = (ROOT / "docs/adding_a_law.md").read_text(encoding="utf-8")
+
+pytestmark = [pytest.mark.usefixtures("domain"), pytest.mark.slow]
+
+
+@pytest.fixture
+def scene(tmp_path):
+    """The two files of the page."""
+    (name,) = re.findall(r"^    soro run (\S+)$", PAGE, re.M)
+    (tmp_path / name).write_text(re.search(r"```yaml\n(.*?)```", PAGE, re.S).group(1))
+    shutil.copy(ROOT / "examples/spring_law.py", tmp_path / "my_law.py")
+    return tmp_path / name
+
+
+def test_the_law_of_the_page_runs(scene, tmp_path):
+    status, said, folder = run(tmp_path / "runs", scene=str(scene))
+    found = summary(folder)
+    assert (status, found["verdict"]) == (0, "good"), said
+    assert found["tip_error_last_rms_m"] < 1.2e-3
+
+
+def test_a_law_that_fails_on_the_way_is_named_with_file_and_line(scene, tmp_path):
+    law = scene.with_name("my_law.py")
+    text = law.read_text().replace("        q_d = ", "        1 / (state < 0.5)\n        q_d = ")
+    law.write_text(text)
+    line = 1 + text.splitlines().index("        1 / (state < 0.5)")
+    status, _, folder = run(tmp_path / "runs", scene=str(scene))
+    found = summary(folder)
+    assert (status, found["verdict"]) == (1, "vented")
+    named = f"law {law}:Spring: ZeroDivisionError: division by zero (my_law.py, line {line})"
+    assert named in found["reason"]
+    assert named in (folder / "log/controller.log").read_text()

@@ -69,7 +69,8 @@ ARMS = (
     ),
     NewArm("planar_bellow", ("--planar", "--length", "90mm", "--mass", "40g"), (), 3),
 )
-_ONE, _CREEP = ARMS[0].described, {"link0/creep_e": 0.1, "link0/creep_b": 0.1, "link0/creep_b_tau": 0.5}
+_ONE = ARMS[0].described
+_CREEP = {f"link0/creep_{kind}": 0.1 for kind in "eb"} | {f"link0/creep_{kind}_tau": 0.5 for kind in "eb"}
 # The arm itself has what its description lacks.
 MISMATCHED = (
     NewArm("strains_vary", _ONE, (), 1, order=1),

@@ -1,13 +1,14 @@
-"""Whether the filter's covariance is that of its error: in closed loop, and on a plant of its own model."""
+"""Whether the filter's covariance is that of its error: in closed loop, matched and mismatched."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from benchmarks.mismatch import sloped, varying, weak
 from benchmarks.options import Options
 from benchmarks.report import met, table
 from soro_core import load_robot
@@ -31,7 +32,8 @@ NO_GOAL = (0.0, np.inf)
 class Case:
     """One row: changes of the setup and of the reference, and the least and largest values to reach.
 
-    `state` means that q and qd of the plant are those of the filter's model, and are compared too.
+    `state` means that q and qd of the plant are those of the filter's model, and are compared too;
+    `truth` gives the plant that differs from the file.
     """
 
     name: str
@@ -42,6 +44,7 @@ class Case:
     tip: tuple[float, float] = NO_GOAL
     state: tuple[float, float] | None = None
     error_mm: tuple[float, float] = NO_GOAL
+    truth: Callable[[Robot], Robot] | None = None
 
 
 CASES = (
@@ -54,6 +57,13 @@ CASES = (
         law_options={"nonuniform_strain": False},
         state=(4.0, 8.0),
     ),
+    # What differs from the file without a goal: how far the filter may be believed.
+    Case("20 g, chamber 1 at 60 %", truth=weak(1, 0.6)),
+    Case("20 g, area slope -2", truth=sloped(-2.0)),
+    Case("20 g, Legendre order 1", {"refine": 1}, truth=varying(1)),
+    Case("20 g, stiffness 0.7", {"stiffness": 0.7}),
+    Case("20 g, damping 2", {"damping": 2.0}),
+    Case("20 g, noise 3 times the stated one", {"position_noise_m": 9e-4}),
 )
 
 
@@ -115,7 +125,8 @@ def measured(robot: Robot, case: Case, seed: int, duration_s: float) -> Array:
         "reference": dict(case.reference),
     }
     law = parse(keys, ControllerConfig, "benchmark")
-    setup = Setup(seed=seed, control=law, duration_s=duration_s, **case.setup)
+    plant = None if case.truth is None else case.truth(robot)
+    setup = Setup(seed=seed, control=law, duration_s=duration_s, plant=plant, **case.setup)
     estimator = Watched(robot, setup.estimation, setup.dt)
     rows, steps = [], round(setup.duration_s / setup.dt)
     for tick in Loop(estimator, Controller(robot, law)).run(Harness(robot, setup), steps, setup.dt, delay=0):

@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # a node needs one half only, and not the modules of the othe
     from soro_core.adaptation import Learned
     from soro_core.control import Command, Controller, ControllerState, Reference
     from soro_core.control.laws import Certainty
+    from soro_core.control.probing.stamps import StampedPosition
     from soro_core.estimation import Estimate, Estimator, EstimatorState, ImuSample, PoseSample
     from soro_core.integrate import Status
 
@@ -152,6 +153,7 @@ class Loop:
         estimator, estimate = self.estimator.step(
             state.estimator, pressure_pa, poses, imus, dt, state.learned
         )
+        seen = [] if state.controller.probe is None else _positions(poses)
         controller, command = self.controller.step(
             state.controller,
             estimate.q,
@@ -161,6 +163,7 @@ class Loop:
             pressure_pa,
             reference,
             certainty_of(estimate),
+            seen=seen,
         )
         return LoopState(estimator, controller, command.learned), estimate, command
 
@@ -215,6 +218,13 @@ class Loop:
                 setpoint = command.setpoint_pa
             under_way.append(setpoint)
             yield Tick(k * dt, state, seen, estimate, command, spent)
+
+
+def _positions(poses: Sequence[PoseSample]) -> list[StampedPosition]:
+    """Return what the probe judges of poses."""
+    from soro_core.control.probing.stamps import StampedPosition
+
+    return [StampedPosition(one.sensor, one.stamp_s, one.position) for one in poses]
 
 
 def certainty_of(estimate: Estimate) -> Certainty | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 
@@ -34,6 +34,7 @@ from soro_core.control.pressures.actuation import (
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.probing.plan import ProbedArm
 from soro_core.control.probing.procedure import Probe, ProbeSample, ProbeState
+from soro_core.control.probing.stamps import StampedPosition
 from soro_core.control.reference.active_reference import follow, reference_ahead
 from soro_core.control.reference.trajectory import Point, Reference
 from soro_core.control.reference.underactuation import UnderactuatedReference, UnderactuatedState
@@ -151,6 +152,7 @@ class Controller(GivenReferences):
         reference: Reference | None = None,
         certainty: Certainty | None = None,
         between: Callable[[], None] = lambda: None,
+        seen: Sequence[StampedPosition] = (),
     ) -> tuple[ControllerState, Command]:
         """Return the command for the state (q, qd) at time `t`.
 
@@ -172,6 +174,8 @@ class Controller(GivenReferences):
         between : callable
             Called again and again at the end of the probe, with all set points at 0: it takes longer than a
             tick.
+        seen : sequence of StampedPosition
+            What sensors have seen since the last tick: the probe judges the stamps.
 
         Returns
         -------
@@ -189,7 +193,7 @@ class Controller(GivenReferences):
         if failure:
             state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
         elif self.probe is not None and state.probe is not None:
-            sample = ProbeSample(t, q, qd, np.asarray(measured_pressure_pa, dtype=np.float64))
+            sample = ProbeSample(t, q, qd, np.asarray(measured_pressure_pa, dtype=np.float64), tuple(seen))
             return self._probed(self.probe.step(state.probe, sample, between), state)
         else:
             try:

@@ -138,7 +138,7 @@ class EstimatorConfig(Strict):
         "(docs/estimation.md)",
     )
     watch: WatchConfig = Field(
-        WatchConfig(), description="from when on a residual or a delay of a sensor is named"
+        WatchConfig(), description="noise of the sensors, and from when on a residual is named"
     )
     gate_probability: float = Field(
         0.9999, gt=0.5, lt=1, description="share of good samples that pass the chi-square gate"

@@ -19,8 +19,9 @@ from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.kernel import entries
-from soro_core.estimation.kernel.advance import FUSED_POSES, N_RECORD, REFUSED, RESIDUALS
+from soro_core.estimation.kernel.advance import N_RECORD, REFUSED
 from soro_core.estimation.kernel.belief import Belief
+from soro_core.estimation.kernel.noise import N_NOISE, NOISE
 from soro_core.estimation.kernel.parts import (
     IMU,
     IMU_ORIENTED,
@@ -90,9 +91,9 @@ class Filter:
         self.mean_strain = mean_strain_of(arm, pieces)
         self._nothing = np.zeros(size_of(self.n))
         self._same = np.eye(self.n)
-        self._unknown = np.full(N_RECORD, np.nan)  # no pose, and so no outliers and no residuals
+        self._unknown = np.full(N_RECORD, np.nan)  # no sample, and so no outliers and the stated noise
         self._unknown[REFUSED] = 0.0
-        self._unknown[RESIDUALS : FUSED_POSES + 1] = 0.0
+        self._unknown[NOISE : NOISE + N_NOISE] = 1.0
         self.site = lru_cache(maxsize=64)(self._find)
 
     def _find(self, s: float) -> Site:
@@ -181,6 +182,10 @@ class Filter:
         code, outcome, nis, position_nis = entries.advance(
             self.box, self._load(known), belief[:], (pressure_pa, dt), values, new
         )
+        if not isinstance(sample, PoseSample) and record[NOISE] < 1.0:
+            record[NOISE] = (
+                1.0  # the stated one allows for what the predicted angular velocity leaves out, too
+            )
         return Advanced(Belief(*new), code == GOOD, outcome, record, nis, position_nis)
 
     def _load(self, known: LearnedInput) -> entries.Known:

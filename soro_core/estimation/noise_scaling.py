@@ -21,6 +21,10 @@ from soro_core.robot.coordinates import strain_fields
 
 Section = TypeVar("Section", bound=Strict)
 
+# A force that changes as fast as the arm: its second derivative grows with the square of the frequency, and
+# the density of noise that makes it with the root of a period. The sensors of a faster arm are no faster: its
+# noise is that of the tuned one.
+_DRIFT = 1.5
 # Figures of a ratio: the noises are not known better, and the arm that they are tuned for gets exactly 1.
 _FIGURES = 3
 
@@ -96,16 +100,18 @@ def scaled_noise(config: EstimatorConfig, robot: Robot) -> EstimatorConfig:
     bend = _ratio(arm.bend_acceleration, TUNED_FOR.bend_acceleration)
     stretch = _ratio(arm.stretch_acceleration, TUNED_FOR.stretch_acceleration)
     curvature = _ratio(arm.curvature_per_m, TUNED_FOR.curvature_per_m)
+    stretch_rate = arm.stretch_rate_per_s / TUNED_FOR.stretch_rate_per_s
+    bend_rate = arm.bend_rate_per_s / TUNED_FOR.bend_rate_per_s
     process = {
         "stretch_acceleration": stretch,
         "curvature_acceleration_per_m": bend,
-        "stretch_disturbance": stretch,
-        "curvature_disturbance_per_m": bend,
+        "stretch_disturbance": _ratio(stretch * min(stretch_rate, 1.0) ** _DRIFT, 1.0),
+        "curvature_disturbance_per_m": _ratio(bend * min(bend_rate, 1.0) ** _DRIFT, 1.0),
     }
     initial = {
         "curvature_std_per_m": curvature,
-        "stretch_rate_std_per_s": _ratio(arm.stretch_rate_per_s, TUNED_FOR.stretch_rate_per_s),
-        "curvature_rate_std_per_m_s": curvature * _ratio(arm.bend_rate_per_s, TUNED_FOR.bend_rate_per_s),
+        "stretch_rate_std_per_s": _ratio(stretch_rate, 1.0),
+        "curvature_rate_std_per_m_s": curvature * _ratio(bend_rate, 1.0),
         "stretch_disturbance_std": stretch,
         "curvature_disturbance_std_per_m": bend,
     }

@@ -11,6 +11,7 @@ from operator import attrgetter
 
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.kernel.advance import FOUND, FROZEN, MISSED, SAME_S
+from soro_core.estimation.kernel.noise import N_NOISE, NOISE
 from soro_core.estimation.kernel.update import FAILED, FUSED, OUTLIER
 from soro_core.estimation.sensors.monitor import Innovation
 from soro_core.estimation.sensors.samples import PoseSample, Sample
@@ -128,5 +129,8 @@ def _take(filter_: Filter, tick: TickState, part: Segment, dt: float, sample: Sa
     tick.count(*_COUNTED[outcome])
     tick.sensors[name] = Sensor(sample, found.record)
     if outcome != FROZEN:
-        tick.innovations.append(Innovation(name, sample.stamp_s, found.nis, found.position_nis))
+        noise, of_orientation = found.record[NOISE : NOISE + N_NOISE].tolist()
+        tick.innovations.append(
+            Innovation(name, sample.stamp_s, found.nis, found.position_nis, noise, of_orientation)
+        )
     return used

@@ -42,8 +42,6 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -
     q_unit, force_unit = _units(arm, pieces)
     pose, imu = config.pose, config.imu
     kinematics = 3 * [pose.position_model_std_m**2] + 3 * [pose.orientation_model_std_rad**2]
-    sensor = 3 * [pose.position_std_m**2] + 3 * [pose.orientation_std_rad**2]
-    orientation = imu.orientation_std_rad**2 + imu.orientation_model_std_rad**2
     gates = [0.0, *(chdtri(k, 1.0 - config.gate_probability) for k in range(1, MOST_ROWS + 1))]
     return FilterSettings(
         n_d=n if config.disturbance else 0,
@@ -63,9 +61,11 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -
         force_unit=force_unit,
         tip_mass=float(arm.tables.tip_mass[0]),
         tip=find_site(arm.robot, arm.tables, arm.length),
-        pose_variance=np.array(kinematics) + np.array(sensor),
+        pose_variance=np.array([pose.position_std_m, pose.orientation_std_rad]) ** 2,
         kinematic_variance=np.array(kinematics),
-        imu_variance=np.array([imu.rate_std_rad_s**2, orientation, imu.acceleration_std_m_s2**2]),
+        imu_variance=np.array([imu.rate_std_rad_s, imu.orientation_std_rad, imu.acceleration_std_m_s2]) ** 2,
+        imu_kinematic_variance=float(imu.orientation_model_std_rad**2),
+        noise_time=float(config.watch.noise_time_s),
         gravity_tolerance=float(imu.gravity_tolerance_m_s2) if imu.use_gravity else -1.0,
         gates=np.array(gates, dtype=np.float64),
         outlier_inflation=float(config.outlier_inflation),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from soro_core.config import Strict, with_changes
 from soro_core.control.config import ControllerConfig
@@ -29,7 +29,7 @@ from soro_lab.scene.nodes import (
     MarkersConfig,
     RegulatorNodeConfig,
 )
-from soro_lab.scene.sections import RecorderSection, VerdictSection, sample_keys
+from soro_lab.scene.sections import RecorderSection, VerdictSection, sample_keys, with_sensor_noise
 
 if TYPE_CHECKING:  # with the model's code
     from soro_core.adaptation.kept import KeptNumbers
@@ -62,7 +62,11 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         "", description="CSV of a measured forced run (t, p1 ..., kx, ky) that soro trade compares with"
     )
     twin: TwinSection = Field(TwinSection(), description="the simulated arm and its sensors")
-    estimator: EstimatorConfig = Field(EstimatorConfig(), description="the filter")
+    estimator: EstimatorConfig = Field(
+        EstimatorConfig(),
+        validate_default=True,
+        description="the filter; noise of sensors that it does not state is that of twin",
+    )
     controller: ControllerConfig = Field(ControllerConfig(), description="the law and its reference")
     verdict: VerdictSection = Field(VerdictSection(), description="when a run is good, poor or lost")
     excite: ExciteConfig = Field(ExciteConfig(), description="the excitation of soro excite")
@@ -82,6 +86,12 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         if isinstance(given, Mapping) and (twice := sorted(decided & set(given))):
             raise ValueError(f"no {twice[0]} under twin: the scene states it at its top, for all nodes")
         return value
+
+    @field_validator("estimator")
+    @classmethod
+    def _of_its_sensors(cls, value: EstimatorConfig, info: ValidationInfo) -> EstimatorConfig:
+        twin = info.data.get("twin")
+        return value if twin is None else with_sensor_noise(value, twin)
 
     @model_validator(mode="after")
     def _consistent(self) -> Scene:

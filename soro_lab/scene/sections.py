@@ -6,7 +6,8 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from soro_core.config import Strict
+from soro_core.config import Strict, with_changes
+from soro_core.estimation.config import EstimatorConfig
 from soro_core.twin.config import TwinSection
 
 
@@ -38,6 +39,28 @@ class VerdictSection(Strict):
     expected: Literal["good", "poor", "vented"] = Field(
         "good", description="how the run is meant to end (soro scenes); it does not change the verdict"
     )
+
+
+# Noise of the filter by that of the twin. For accelerations the filter has an allowance for motions instead.
+_NOISES = (
+    ("pose", "position_std_m", "position_noise_m"),
+    ("pose", "orientation_std_rad", "rotation_noise_rad"),
+    ("imu", "rate_std_rad_s", "rate_noise_rad_s"),
+    ("imu", "orientation_std_rad", "rotation_noise_rad"),
+)
+# Least noise: a filter has no use for a sensor without any.
+_LEAST_NOISE = 1e-5
+
+
+def with_sensor_noise(filter_: EstimatorConfig, twin: TwinSection) -> EstimatorConfig:
+    """Return the filter's keys with the noise that `twin` states of its sensors where they state none."""
+    found: dict[str, dict[str, float]] = {"pose": {}, "imu": {}}
+    for kind, own, of_twin in _NOISES:
+        sensor = getattr(twin, kind)
+        if of_twin in sensor.model_fields_set and own not in getattr(filter_, kind).model_fields_set:
+            found[kind][own] = max(getattr(sensor, of_twin), _LEAST_NOISE)
+    sections = {kind: with_changes(getattr(filter_, kind), **keys) for kind, keys in found.items() if keys}
+    return with_changes(filter_, **sections) if sections else filter_
 
 
 def sample_keys(twin: TwinSection) -> dict[str, Any]:

@@ -53,7 +53,9 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             fail=self._fail,
         )
         self._ticks = ControllerTicks(_with_probe(config), source, ports, self._motion)
-        self._check = EnableCheck(self, self.controller, config)
+        self._check = EnableCheck(
+            self, self.controller, config, lambda: self._ticks.is_probing, self._ticks.note_pose
+        )
         inputs = dict(self._ticks.inputs)
         inputs |= {
             "chambers/state": Input(JointState, self._on_reading, qos.sensor),

@@ -8,8 +8,6 @@ import numpy as np
 from geometry_msgs.msg import PoseArray
 
 from soro_core.estimation import Estimator, EstimatorState
-from soro_core.estimation.sensors.delay import DelayFit
-from soro_core.estimation.sensors.delay_monitor import PERIOD_S, Delays
 from soro_core.estimation.sensors.monitor import SensorMonitor
 from soro_core.estimation.sensors.samples import imu_sensor, pose_sensor
 from soro_lab.scene import EstimatorNodeConfig
@@ -51,7 +49,6 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
         self._transforms = ArmTransforms(self, self.estimator.arm.robot, config.frames, config.publish_tf)
         rate_hz = config.backbone_rate_hz
-        self._looks = Turns(round(1e9 * PERIOD_S))
         self._pictures = Turns(round(1e9 / rate_hz)) if rate_hz > 0 else None
         subscribe(self, self._ticks.inputs, lockstep)
         self.compile(self._ticks.warm_up)
@@ -66,20 +63,13 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         """State of the filter after the last tick; None before the first."""
         return self._ticks.state
 
-    @property
-    def delays(self) -> Delays:
-        """What the monitor has found of delays that stamps do not declare."""
-        return self._ticks.delays
-
     def _estimated(self, stamp_ns: int) -> None:
-        """Draw an estimate and look for delays when due, once the command that answers it has gone out.
+        """Draw an estimate when due, once the command that answers it has gone out.
 
         A timer of its own would do so when the next tick is due: that would begin a millisecond late.
         """
         if self._pictures is not None and self._pictures.is_due(stamp_ns):
             self.after_handover(self._draw)
-        if self._looks.is_due(stamp_ns):
-            self.after_handover(self._ticks.watch_delays)
 
     def _draw(self) -> None:
         """Publish the shape of the newest estimate."""
@@ -113,8 +103,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
         if self.state is not None:
             values |= self.state.counts._asdict()
             for name, sensor in self._sensors.items():
-                fit = self.delays.fits.get(sensor)
-                values |= _values_of(name, self.state.monitors.get(sensor), fit)
+                values |= _values_of(name, self.state.monitors.get(sensor))
         level, text = self.diagnostics.level, self.diagnostics.message
         self.diagnostics.update(level, self._failure if level == WARN and self._failure else text, values)
 
@@ -146,16 +135,17 @@ def _without_numbers(text: str) -> str:
     return "".join(c for c in text if c not in "0123456789.")
 
 
-def _values_of(name: str, monitor: SensorMonitor | None, delay: DelayFit | None) -> dict[str, object]:
+def _values_of(name: str, monitor: SensorMonitor | None) -> dict[str, object]:
     """Return what is known of one sensor, by the name of its topic; nothing before its first sample."""
     if monitor is None:
         return {}
-    values: dict[str, object] = {f"{name}/nis": monitor.nis}
+    values: dict[str, object] = {
+        f"{name}/nis": monitor.nis,
+        f"{name}/noise": math.sqrt(monitor.noise),
+        f"{name}/orientation_noise": math.sqrt(monitor.orientation_noise),
+    }
     if not math.isnan(monitor.position_nis):
         values[f"{name}/position_nis"] = monitor.position_nis
-    if delay is not None:
-        values[f"{name}/delay_s"] = delay.delay_s
-        values[f"{name}/delay_deviation_s"] = delay.deviation_s
     return values
 
 

@@ -18,6 +18,7 @@ from soro_core.adaptation import Learned
 from soro_core.control import ControllerState, Reference
 from soro_core.control.laws import Certainty
 from soro_core.control.motion_config import MotionConfig
+from soro_core.control.probing.stamps import StampedPosition
 from soro_core.control.reference_feasibility import check_reach
 from soro_core.control.retune import retune
 from soro_core.errors import ConfigError, SoroError
@@ -155,10 +156,21 @@ class ControllerTicks:
             self.state = replace(self.state, probe=replace(self.state.probe, lenient=True))
         self._epoch_ns: int | None = None
         self._last_ns = 0
+        self._seen: list[tuple[str, int, np.ndarray]] = []
         self._told: tuple[Learned | None, int] = None, 0
         self._reference: Reference | None = None
         self._zero_ns = 0
         self._refuse("")
+
+    @property
+    def is_probing(self) -> bool:
+        """Whether the probe goes on."""
+        return self.enabled and self.state.probe is not None and not self.state.probe.done
+
+    def note_pose(self, topic: str, message: PoseStamped) -> None:
+        """Note a pose that a sensor has seen, for the probe."""
+        position, _ = messages.pose_arrays(message.pose)
+        self._seen.append((topic.rpartition("/")[2], messages.to_ns(message.header.stamp), position))
 
     def clear(self) -> None:
         """Drop the states that wait."""
@@ -255,8 +267,13 @@ class ControllerTicks:
             q, qd = np.array(message.position), np.array(message.velocity)
             t = (stamp_ns - self._epoch_ns) * 1e-9
             certainty = None if covariance is None else learning.certainty_of(covariance, len(q))
+            epoch_ns = self._epoch_ns
+            seen = [
+                StampedPosition(name, 1e-9 * (at_ns - epoch_ns), place) for name, at_ns, place in self._seen
+            ]
+            self._seen.clear()
             self.state, command = self.controller.step(
-                self.state, q, qd, t, dt, reading, self._reference, certainty, self.stay_at_zero
+                self.state, q, qd, t, dt, reading, self._reference, certainty, self.stay_at_zero, seen
             )
             self._last_ns, failure = stamp_ns, command.status.message
             self._publish_learned(command.learned, stamp_ns)

@@ -31,10 +31,22 @@ class EnableCheck:
     controller : Controller
     config : ControllerNodeConfig
         Places of the sensors, and the bounds.
+    probing : callable
+        Says whether a probe goes on.
+    note_pose : callable
+        Takes the poses of a probe, and the names of their topics.
     """
 
-    def __init__(self, node: Node, controller: Controller, config: ControllerNodeConfig) -> None:
+    def __init__(
+        self,
+        node: Node,
+        controller: Controller,
+        config: ControllerNodeConfig,
+        probing: Callable[[], bool],
+        note_pose: Callable[[str, PoseStamped], None],
+    ) -> None:
         self._node, self._controller = node, controller
+        self._probing, self._note_pose = probing, note_pose
         self._mode = "off" if config.mode == "lockstep" else config.control.check_at_enable
         self._bounds = config.control.enable
         self._names, self._frames = controller.robot.chamber_names, config.frames
@@ -42,9 +54,10 @@ class EnableCheck:
         self._pressure_pa = np.zeros(len(self._names))
         self._raw: dict[str, bytes] = {}
         self._places: dict[str, tuple[str, float]] = {}
-        if self._mode == "off":
+        if self._mode != "off":
+            self._rest = resting_arm(controller)
+        elif controller.probe is None:
             return
-        self._rest = resting_arm(controller)
         length = controller.arm.length
         for kind, places in (("pose", config.pose_locations), ("imu", config.imu_locations)):
             for k, place in enumerate(places):
@@ -135,3 +148,5 @@ class EnableCheck:
 
     def _on_sample(self, topic: str, sample: bytes) -> None:
         self._arrived[topic], self._raw[topic] = time.monotonic(), sample
+        if self._places[topic][0] == "pose" and self._probing():
+            self._note_pose(topic, deserialize_message(sample, PoseStamped))

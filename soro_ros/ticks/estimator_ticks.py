@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from typing import Any, ClassVar
 
@@ -14,7 +13,6 @@ from std_msgs.msg import Float64MultiArray
 from soro_core.adaptation import Learned
 from soro_core.adaptation.learned import size_of
 from soro_core.estimation import EstimatorState, ImuSample, PoseSample
-from soro_core.estimation.sensors.delay_monitor import PERIOD_S, DelayMonitor, Delays
 from soro_core.loop import certainty_of
 from soro_core.robot import load_robot
 from soro_core.rotation import quaternion_from_matrix
@@ -48,8 +46,6 @@ class EstimatorTicks:
         Refused messages on chambers/state.
     estimated_ns : int or None
         Time of the estimate of the last tick [ns]; None if that gave none.
-    delays : Delays
-        What `watch_delays` has found.
     """
 
     outputs: ClassVar[dict[str, type[Any]]] = {
@@ -68,10 +64,6 @@ class EstimatorTicks:
         self.state: EstimatorState | None = None
         self.epoch_ns, self.malformed = 0, 0
         self.estimated_ns: int | None = None
-        self._monitor = DelayMonitor(self.estimator.arm, self.estimator.config)
-        self.delays, self._late = Delays(), ""  # and what the user must know of them
-        # Since the last look of the monitor; a later look than planned must not leave rows out.
-        self._passed: deque[EstimatorState] = deque(maxlen=max(1, math.ceil(3 * PERIOD_S * config.rate_hz)))
         frames = frames or FrameCheck(config.frames)
         self._pressures: deque[tuple[int, np.ndarray]] = deque(maxlen=1000)
         self._learned: Learned | None = None
@@ -89,21 +81,13 @@ class EstimatorTicks:
         zero, nothing = np.zeros(len(self._names)), Learned(np.zeros(size_of(estimator.arm.n_q)))
         pose = estimator.arm.pose(np.zeros(estimator.arm.n_q), estimator.length)
         quaternion = quaternion_from_matrix(pose[:3, :3])
-        state, passed = estimator.initial_state(), []
-        for k in range(1, 60):  # until the filter is sure of the arm, and the monitor estimates the delay
+        state = estimator.initial_state()
+        for k in range(1, 20):
             sample = PoseSample(k * dt, pose[:3, 3], quaternion, estimator.length)
             poses = [sample] if k % 8 else []  # a tick without a sample has a kernel of its own
             imu = ImuSample(k * dt, np.zeros(3), np.array([0.0, 0.0, 9.81]), None, estimator.length)
             learned = nothing if k > 1 else None
             state, _ = estimator.step(state, zero, poses, [imu] if k % 8 == 1 else [], dt, learned)
-            passed.append(state)
-        self._monitor.step(Delays(), passed)
-
-    def watch_delays(self) -> None:
-        """Look for delays in the ticks since the last look: every `PERIOD_S`, beside the ticks."""
-        self.delays = self._monitor.step(self.delays, tuple(self._passed))
-        self._passed.clear()
-        self._late = self._monitor.note(self.delays)
 
     # Inputs ----------------------------------------------------------------------------------------
     def _on_learned(self, message: Float64MultiArray) -> None:
@@ -161,12 +145,10 @@ class EstimatorTicks:
         learned, self._learned = self._learned, None
         refused = self.state.counts.invalid
         self.state, estimate = self.estimator.step(self.state, pressure, poses, imus, dt, learned)
-        self._passed.append(self.state)
         if self.state.counts.invalid > refused:
             found = self.state.counts.invalid
             self._ports.warn(f"samples of sensors refused, with numbers of no arm: {found} since the start")
-        known = "; ".join(filter(None, (estimate.status.note, self._late)))
-        self._ports.report(add_prefix(NO_ESTIMATE, estimate.status.message) or known)
+        self._ports.report(add_prefix(NO_ESTIMATE, estimate.status.message) or estimate.status.note)
         self._await(stamp_ns)
         publish("arm/covariance", learning.covariance(certainty_of(estimate), stamp_ns))
         if not estimate.status.ok:

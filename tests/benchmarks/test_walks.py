@@ -35,7 +35,3 @@ def test_a_walk_has_each_named_function_of_the_project_once_in_its_order():
         chamber(("a",), 0)
         sorted([2, 1], key=lambda one: -one)
     assert walk.functions == [("soro_core/pneumatics/lag.py", "follow")]
-
-
-def test_the_tick_of_the_filter_fits_no_delay(walks):
-    assert not [file for file, _ in walks["pose to state"].functions if "delay" in file]

@@ -130,11 +130,6 @@ def reading():
     stamp += 5_000_000
     receive(node, "chambers/state", messages.chambers(chambers, np.zeros(3), stamp))
 
-def poses():
-    for _ in range(60):
-        receive(node, "sensors/pose0", messages.pose_stamped(pose, stamp, "world"))
-        reading()
-
 def learned():
     theta = np.concatenate([[0.02], 0.01 * np.arange(12)])
     receive(node, "arm/learned", learning.learned(Learned(theta), stamp))
@@ -154,12 +149,9 @@ for name, callback in (
     ("reading after an imu sample", reading),
     ("learned", learned),
     ("reading after a learned force", reading),
-    ("reading with poses, from which a delay is estimated", poses),
     ("report", lambda: fire(node, 1.0)),
 ):
     count(name, callback)
-(delay,) = node.delays.fits.values()
-assert np.linalg.norm(delay.solution) > 0.0
 """
 
 

@@ -10,15 +10,10 @@ from soro_core.adaptation import Learned
 from soro_core.adaptation.learner import Learner
 from soro_core.control.laws import Certainty
 from soro_core.control.nonuniform_strain import NonuniformStrain
-from soro_core.loop import Loop
-from soro_core.robot import load_robot
-from soro_core.rotation import matrix_from_quaternion
 from soro_ros.conversion import learning, messages
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.topics.diagnostics import OK, WARN
-from tests.soro_core.estimation.test_sensor_watch import Shifted
-from tests.soro_core.loop.loop_harness import Controller, Estimator, Setup
 from tests.soro_ros.direct import active, captured, fire, receive, request, values
 
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
@@ -116,7 +111,7 @@ def test_trouble_that_follows_other_trouble_is_shown(domain):
         assert "sample" in node.diagnostics.status.message
 
 
-def test_nis_and_delay_of_each_sensor_are_live(domain):
+def test_nis_and_noise_of_each_sensor_are_live(domain):
     with active(EstimatorNode, "pose_locations:=[0.5, 1.0]", "imu_locations:=[1.0]") as node:
         fire(node, 1.0)
         assert not any("nis" in name for name in values(node))
@@ -126,40 +121,17 @@ def test_nis_and_delay_of_each_sensor_are_live(domain):
         fire(node, 1.0)
         found = {name: float(value) for name, value in values(node).items() if name.startswith("pose1/")}
         (monitor,) = node.state.monitors.values()
-        (delay,) = node.delays.fits.values()
         assert found == pytest.approx(
             {
                 "pose1/nis": monitor.nis,
                 "pose1/position_nis": monitor.position_nis,
-                "pose1/delay_s": delay.delay_s,
-                "pose1/delay_deviation_s": delay.deviation_s,
+                "pose1/noise": np.sqrt(monitor.noise),
+                "pose1/orientation_noise": np.sqrt(monitor.orientation_noise),
             },
             rel=1e-5,
         )
         # A sensor without samples has no values.
         assert not any(name.startswith(("pose0/", "imu0/")) for name in values(node))
-
-
-def test_a_delay_that_no_stamp_declares_is_named_while_samples_come(domain):
-    """The monitor looks ten times a second; without an estimate nothing is said of delays."""
-    robot = load_robot("tue_three_bellow")
-    plant = Shifted(robot, Setup(seed=1))
-    plant.shift_s = 0.02
-    loop = Loop(Estimator(robot, plant.setup.estimation, plant.setup.dt), Controller(robot))
-    with active(EstimatorNode) as node:
-        for k, tick in enumerate(loop.run(plant, 460, plant.setup.dt, delay=0), start=1):
-            for pose in tick.seen.poses if k <= 400 else ():
-                matrix = np.eye(4)
-                matrix[:3, :3], matrix[:3, 3] = matrix_from_quaternion(pose.quaternion), pose.position
-                stamp_ns = round(1e9 * pose.stamp_s) + TICK_NS
-                receive(node, "sensors/pose0", messages.pose_stamped(matrix, stamp_ns, "world"))
-            receive(node, "arm/learned", learning.learned(tick.command.learned, k * TICK_NS))
-            receive(node, "chambers/state", messages.chambers(CHAMBERS, tick.seen.reading_pa, k * TICK_NS))
-            if k == 400:
-                assert node.diagnostics.level == WARN
-                assert "ms late" in node.diagnostics.message
-        assert "sample" in node.diagnostics.message
-        assert "ms late" not in node.diagnostics.message
 
 
 def test_in_lockstep_a_controller_that_learns_waits_for_the_covariance(domain):

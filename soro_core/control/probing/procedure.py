@@ -12,6 +12,7 @@ from soro_core.arrays import Array
 from soro_core.control.probing.dead_time import judge_dead_time
 from soro_core.control.probing.findings import FAIL, STOP, WARN, ProbeFinding, judge_answers
 from soro_core.control.probing.plan import ProbedArm, end_displacement, plan_probe
+from soro_core.control.probing.stamps import StampedPosition, judge_stamps
 from soro_core.control.probing.wiring import HeldState, WiringModel
 from soro_core.errors import SoroError
 
@@ -46,12 +47,15 @@ class ProbeSample(NamedTuple):
         Estimated coordinates and rates.
     pressure_pa : ndarray (n_u,)
         Measured pressures [Pa gauge].
+    seen : tuple of StampedPosition
+        Positions that have come since the last one.
     """
 
     t_s: float
     q: Array
     qd: Array
     pressure_pa: Array
+    seen: tuple[StampedPosition, ...] = ()
 
 
 class Row(NamedTuple):
@@ -150,6 +154,9 @@ class Probe:
         t = 0.01 * np.arange(50.0)
         command = np.repeat(np.where(t < 0.1, 1.0, 0.0)[:, None], n_u, axis=1)
         judge_dead_time(self.plan.names, t, command, command, self.plan.dead_time_s)
+        t = 0.01 * np.arange(200.0)
+        swings = np.column_stack([np.sin(3.0 * t)] * 3)
+        judge_stamps(t, swings, [StampedPosition("", *one) for one in zip(t.tolist(), swings, strict=True)])
 
     def initial_state(self) -> ProbeState:
         """Return the state before the first tick."""
@@ -188,7 +195,7 @@ class Probe:
     def _failure(self, state: ProbeState, sample: ProbeSample) -> tuple[str, str] | None:
         """Return what ends the probe at once, and the step to take."""
         at = self._at(state)
-        if not all(np.isfinite(values).all() for values in sample):
+        if not all(np.isfinite(values).all() for values in sample[:-1]):
             return f"a sample is not finite {at}", "look at the sensors"
         if state.row is not None and not 0.0 < (gap_s := sample.t_s - state.row.sample.t_s) <= _GAP_S:
             return f"no estimate of the arm for {gap_s:.2f} s {at}", "look at sensors and estimator"
@@ -295,6 +302,8 @@ class Probe:
         command = np.array([row.setpoint_pa for row in rows])
         reading = np.array([row.sample.pressure_pa for row in rows])
         late = judge_dead_time(plan.names, t, command, reading, plan.dead_time_s, between)
+        seen = [one for row in rows for one in row.sample.seen]
+        late += judge_stamps(t, reading, seen, between)
         found = judge_answers(self._model, plan.names, state.held, between)
         return _ended(state, (*found, *late))
 

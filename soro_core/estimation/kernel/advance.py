@@ -13,6 +13,7 @@ import math
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.estimation.kernel.belief import Belief, assign_belief
+from soro_core.estimation.kernel.noise import LAST, match_noise
 from soro_core.estimation.kernel.parts import (
     AFTER,
     BEFORE,
@@ -35,9 +36,8 @@ FROZEN, FOUND, MISSED = 3, 4, 5
 # without the jumps of updates: a filter that follows a frozen sensor does not hide its own motion, and one
 # that converges does not move.
 REFUSED, STAMP, POSITION, QUATERNION, ESTIMATE, MOVED = 0, 1, 2, 5, 9, 12
-# Beside: sum of position less estimate over all poses that were fused, and their number.
-RESIDUALS, FUSED_POSES = 15, 18
-N_RECORD = 19
+# Behind them those of `noise`.
+N_RECORD = LAST + 6
 # Motions are forgotten with this time constant [s]: round-off of an arm at rest must not add up.
 _FORGET_S = 0.2
 # Times that differ by less [s] are equal: ticks and stamps are sums of periods.
@@ -102,9 +102,13 @@ def advance(
     step = _step(arm, belief, pressure, dt, prior)
     assign(prior.internal, out.internal)
     code: int = fuse(arm, sample, sample.is_new, prior, out)
-    if sample.is_new and sample.kind == POSE and _is_frozen(arm, sample):
-        assign_belief(prior, out)
-        return step, FROZEN
+    if sample.is_new:
+        since_s = sample.stamp - record[STAMP]
+        if sample.kind == POSE and _is_frozen(arm, sample):
+            assign_belief(prior, out)
+            return step, FROZEN
+        match_noise(arm, sample.kind, record, since_s)
+        record[STAMP] = sample.stamp
     if code == OUTLIER:
         record[REFUSED] += 1.0
         if record[REFUSED] < s.most_refused:
@@ -126,8 +130,4 @@ def advance(
         record[REFUSED] = 0.0
         for r in range(3):
             record[ESTIMATE + r] = reported[AFTER + r]
-        if sample.kind == POSE and code == FUSED:
-            record[FUSED_POSES] += 1.0
-            for r in range(3):
-                record[RESIDUALS + r] += sample.first[r] - reported[AFTER + r]
     return step, code

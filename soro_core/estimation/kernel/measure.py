@@ -6,6 +6,7 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
+from soro_core.estimation.kernel.noise import noise_variance
 from soro_core.estimation.kernel.parts import IMU, IMU_ORIENTED, POSE, FilterArm, SampleValues
 from soro_core.model.links.linear import clear_matrix
 from soro_core.model.method import kinematics
@@ -94,6 +95,14 @@ def _of_mean_strain(arm: FilterArm) -> None:
 
 
 @inner
+def _set_variance(arm: FilterArm, sample: SampleValues, components: int) -> None:
+    for component in range(components):
+        noise, model = noise_variance(arm, sample.kind, sample.record, component)
+        for r in range(3 * component, 3 * component + 3):
+            arm.scratch.variance[r] = model + noise
+
+
+@inner
 def measure(arm: FilterArm, sample: SampleValues, mean: Array) -> int:
     """scratch.residual, .rows and .variance <- those of a sample at the mean; gives their number."""
     t, s, w = arm.tables, arm.settings, arm.scratch
@@ -117,8 +126,7 @@ def measure(arm: FilterArm, sample: SampleValues, mean: Array) -> int:
             for i in range(n):
                 w.rows[r, i] = R[r, 0] * J[i, 3] + R[r, 1] * J[i, 4] + R[r, 2] * J[i, 5]
         _rotation_rows(arm, 3)
-        for r in range(6):
-            w.variance[r] = s.pose_variance[r]
+        _set_variance(arm, sample, 2)
         return 6
     _of_mean_strain(arm)
     # d(omega)/dq = dJ/dq qd is neglected: small at the speeds of an arm, and 0 at rest.
@@ -126,13 +134,11 @@ def measure(arm: FilterArm, sample: SampleValues, mean: Array) -> int:
         res[r] = first[r]
         for i in range(n):
             res[r] -= w.rows[r, n + i] * mean[n + i]
-        w.variance[r] = s.imu_variance[0]
     count = 3
     if kind == IMU_ORIENTED:
         _rotation_rows(arm, 3)
-        for r in range(3, 6):
-            w.variance[r] = s.imu_variance[1]
         count = 6
+    _set_variance(arm, sample, count // 3)
     gravity = math.sqrt(t.gravity[0] ** 2 + t.gravity[1] ** 2 + t.gravity[2] ** 2)
     length = math.sqrt(second[0] ** 2 + second[1] ** 2 + second[2] ** 2)
     if gravity > 0.0 and abs(length - gravity) <= s.gravity_tolerance:

@@ -19,9 +19,10 @@ POSE, IMU, IMU_ORIENTED = 0, 1, 2
 # Rows of `FilterSettings.process` and `FilterSettings.learned_process`.
 OF_RATE, OF_DRIFT = 0, 1
 # What an update reports: normalised innovation squared of the sample, and of its position; the predicted
-# position at its place before and after it.
-NIS, NIS_OF_POSITION, BEFORE, AFTER = 0, 1, 2, 5
-N_REPORTED = 8
+# position at its place before and after it; residuals of position or angular velocity and of orientation, and
+# their variance by that of the belief alone.
+NIS, NIS_OF_POSITION, BEFORE, AFTER, FIRST_RESIDUAL, FIRST_SPREAD = 0, 1, 2, 5, 8, 14
+N_REPORTED = 20
 
 
 class FilterSettings(NamedTuple):
@@ -60,11 +61,15 @@ class FilterSettings(NamedTuple):
     tip: Site
     """Place of the tip."""
     pose_variance: Array
-    """Of position and rotation, (6,)."""
+    """Stated for the sensor's position and rotation, (2,)."""
     kinematic_variance: Array
-    """Part of it that is the kinematics', (6,)."""
+    """That of the kinematics beside it, (6,)."""
     imu_variance: Array
-    """Of angular velocity, orientation and specific force, (3,)."""
+    """Stated for angular velocity, orientation and specific force, (3,)."""
+    imu_kinematic_variance: float
+    """That of the kinematics beside the orientation's."""
+    noise_time: float
+    """Time constant of the noise that innovations show [s]; 0: it is the stated one."""
     gravity_tolerance: float
     """Accelerations whose length is farther from gravity are not used [m/s^2]; negative: none is."""
     gates: Array

@@ -17,6 +17,8 @@ from soro_core.estimation.kernel.motion import limit
 from soro_core.estimation.kernel.parts import (
     AFTER,
     BEFORE,
+    FIRST_RESIDUAL,
+    FIRST_SPREAD,
     NIS,
     NIS_OF_POSITION,
     POSE,
@@ -141,6 +143,8 @@ def fuse(arm: FilterArm, sample: SampleValues, gated: bool, belief: Belief, out:
     count = measure(arm, sample, prior)
     assign(w.position, reported[BEFORE : BEFORE + 3])
     _cross(arm, count, covariance)
+    for r in range(min(count, FIRST_SPREAD - FIRST_RESIDUAL)):
+        reported[FIRST_RESIDUAL + r], reported[FIRST_SPREAD + r] = w.residual[r], w.shared[r, r]
     reported[NIS] = _distance(count, w.innovation, w.factors, w.pivots, w.residual, w.solved)
     reported[NIS_OF_POSITION] = math.nan
     if sample.kind == POSE:

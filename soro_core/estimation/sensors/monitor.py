@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from functools import lru_cache
 from typing import NamedTuple
 
 from scipy.special import chdtri
@@ -15,6 +16,9 @@ _POSITION, _WHOLE = 3, 9
 # A sample counts at most with what 1 % of the good ones exceed: single outliers, which are counted as such,
 # must not say for seconds that the residual of all samples grows.
 _LARGEST_POSITION, _LARGEST = float(chdtri(_POSITION, 0.01)), float(chdtri(_WHOLE, 0.01))
+
+# Variance over the stated one that is named.
+_NOISY = 4.0
 
 
 class Innovation(NamedTuple):
@@ -28,12 +32,16 @@ class Innovation(NamedTuple):
         Its stamp [s].
     nis, position_nis : float
         Normalised innovation squared, and that of the position alone, NaN of an IMU.
+    noise, orientation_noise : float
+        Variance of its position or angular velocity, and of its orientation, over the stated one.
     """
 
     sensor: str
     stamp_s: float
     nis: float
     position_nis: float
+    noise: float = 1.0
+    orientation_noise: float = 1.0
 
 
 class SensorMonitor(NamedTuple):
@@ -49,6 +57,8 @@ class SensorMonitor(NamedTuple):
         Time since the first sample [s].
     squares : float
         Sum of the squared weights of the samples in the mean; its inverse is the number that counts.
+    noise, orientation_noise : float
+        Those of the last sample, see `Innovation`.
     """
 
     stamp_s: float
@@ -56,6 +66,8 @@ class SensorMonitor(NamedTuple):
     position_nis: float
     passed_s: float = 0.0
     squares: float = 1.0
+    noise: float = 1.0
+    orientation_noise: float = 1.0
 
     @property
     def watched(self) -> float:
@@ -74,7 +86,13 @@ class SensorMonitor(NamedTuple):
     def allowed(self, config: WatchConfig) -> float:
         """Return the mean that a good sensor exceeds with the configured probability at most."""
         count = 1.0 / self.squares
-        return float(chdtri(self.components * count, config.nis_false_alarm)) / count
+        return _quantile(round(self.components * count, 1), config.nis_false_alarm) / count
+
+
+@lru_cache(maxsize=256)
+def _quantile(freedom: float, probability: float) -> float:
+    """Return what chi-square exceeds with a probability; most calls have the same numbers."""
+    return float(chdtri(freedom, probability))
 
 
 def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: WatchConfig) -> SensorMonitor:
@@ -96,7 +114,7 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
     if position > _LARGEST_POSITION:
         position = _LARGEST_POSITION
     if state is None:
-        return SensorMonitor(seen.stamp_s, nis, position)
+        return SensorMonitor(seen.stamp_s, nis, position, 0.0, 1.0, seen.noise, seen.orientation_noise)
     # At first a mean: the first sample alone would count for the time constant.
     passed_s = state.passed_s + dt
     part = max(-math.expm1(-dt / config.nis_time_s), dt / (passed_s + dt))
@@ -106,6 +124,8 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
         state.position_nis + part * (position - state.position_nis),
         passed_s,
         (1.0 - part) ** 2 * state.squares + part**2,
+        seen.noise,
+        seen.orientation_noise,
     )
 
 
@@ -141,12 +161,22 @@ def note_of(monitors: Mapping[str, SensorMonitor], t_s: float, silent_s: float, 
     config : WatchConfig
     """
     said = [
-        _nis_note(sensor, monitor, config)
+        _noise_note(sensor, monitor) or _nis_note(sensor, monitor, config)
         for sensor, monitor in monitors.items()
         # Up to its mean it is below every bound, whose quantile takes time.
-        if t_s - monitor.stamp_s <= silent_s and monitor.watched > monitor.components
+        if t_s - monitor.stamp_s <= silent_s
+        and (monitor.watched > monitor.components or monitor.noise > _NOISY)
     ]
     return "; ".join(filter(None, said)) if said else ""
+
+
+def _noise_note(sensor: str, monitor: SensorMonitor) -> str:
+    if monitor.noise <= _NOISY:
+        return ""
+    key = "imu.rate_std_rad_s" if math.isnan(monitor.position_nis) else "pose.position_std_m"
+    return (
+        f"{sensor}: noise {math.sqrt(monitor.noise):.1f} times {key}: look at the sensor, or state its noise"
+    )
 
 
 def _nis_note(sensor: str, monitor: SensorMonitor, config: WatchConfig) -> str:

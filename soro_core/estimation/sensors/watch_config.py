@@ -1,10 +1,17 @@
-"""Parameters of the watch over the sensors: when a residual or a delay is named."""
+"""Parameters of the watch over the sensors: their noise, and when a residual is named."""
 
 from __future__ import annotations
 
-from pydantic import Field
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import Field, model_validator
 
 from soro_core.config import Strict
+
+_FORMER = frozenset(
+    f"delay_{key}" for key in ("time_s", "known_after_s", "correlation_s", "allowed_s", "deviations")
+)
 
 
 class WatchConfig(Strict):
@@ -19,35 +26,16 @@ class WatchConfig(Strict):
         lt=0.3,
         description="probability with which the mean of a good sensor, whose innovations are white, is named",
     )
-    delay_time_s: float = Field(
+    noise_time_s: float = Field(
         1.0,
-        gt=0.1,
-        le=1e3,
-        description="time constant of the estimated delay, once the fit is four times as old: a delay that "
-        "begins is then named within 2 s",
-    )
-    delay_known_after_s: float = Field(
-        1.5,
         ge=0,
         le=1e3,
-        description="age of a fit before which nothing is named: fewer rows do not tell load and delay",
+        description="time constant of the noise that innovations show, which takes the place of the stated "
+        "one; 0: the stated one stays",
     )
-    delay_correlation_s: float = Field(
-        0.1,
-        gt=0,
-        le=10,
-        description="time after which the filter's errors are independent: it counts how much samples say",
-    )
-    delay_allowed_s: float = Field(
-        0.005,
-        gt=0,
-        le=2,
-        description="a delay not declared up to here is not named: one tick at 200 Hz",
-    )
-    delay_deviations: float = Field(
-        0.3,
-        gt=0,
-        le=10,
-        description="deviations of the fit, times its misfit, by which a delay exceeds the allowed one when "
-        "it is named; they count the prior of the load, and are several times the scatter of the delay",
-    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_delays(cls, data: Any) -> Any:
+        """Leave out the keys of delays, which the probe judges today; files of past runs have them."""
+        return {k: v for k, v in data.items() if k not in _FORMER} if isinstance(data, Mapping) else data

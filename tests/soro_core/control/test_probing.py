@@ -1,5 +1,8 @@
 """The probe before control on twins that differ from their file in wiring, chambers, base or valves."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -164,6 +167,75 @@ def test_the_dead_time_of_commands_and_readings_alone():
         found = judge_dead_time(("a",), t, command, reading(dead_s, 0.06), 0.015)
         assert bool(found) == named, dead_s
     assert judge_dead_time(("a",), t, command, reading(0.015, 0.3), 0.015) == []
+
+
+class Shifted(Harness):
+    """Poses are stamped later than they are taken, and come when the stamp is past."""
+
+    shift_s = 0.0
+
+    def observe(self, world):
+        world, seen = super().observe(world)
+        late = tuple(replace(pose, stamp_s=pose.stamp_s + self.shift_s) for pose in seen.poses)
+        return world, replace(seen, poses=late)
+
+
+def shifted(shift_s, name="hanging_arm", true=None, payload_kg=0.01, **changes):
+    """What the probe says of poses that are stamped late by a time."""
+    one = scene(name, **{"twin.payload_kg": payload_kg})
+    loop, dt = loop_of(one), 1.0 / one.rate_hz
+    delay = max(1, int(np.ceil(shift_s / dt + 0.5)))
+    setup = Setup(
+        plant=true and true(one.loaded_robot),
+        payload_kg=payload_kg,
+        refine=2,
+        regulator=one.regulator,
+        dt=dt,
+        pose_delay=delay,
+        **changes,
+    )
+    plant = Shifted(one.loaded_robot, setup)
+    plant.shift_s = shift_s
+    for tick in loop.run(plant, round(MOST_S / dt), dt, before_s=0.0):
+        command = tick.command
+        if command.terms is not None or (tick.t_s > 1.0 and "probing" not in command.status.note):
+            return command.status.note
+    raise AssertionError("the probe has no end")
+
+
+@pytest.mark.parametrize(
+    ("shift_s", "changes"),
+    [
+        (0.02, {}),
+        (0.04, {"stiffness": 1.3}),
+        (-0.02, {"damping": 2.0}),
+        (0.04, {"name": "track_circle", "payload_kg": 0.0}),
+        (0.06, {"pose_every": 8}),
+    ],
+)
+def test_poses_that_are_stamped_late_or_early_are_named(shift_s, changes):
+    text = shifted(shift_s, **changes)
+    found = re.search(r"poses are stamped (\d+) ms (late|early)", text)
+    assert found, text
+    assert float(found[1]) == pytest.approx(1e3 * abs(shift_s), abs=6.0)
+    assert found[2] == ("late" if shift_s > 0.0 else "early")
+    assert "when it is taken" in text or "at which it is taken" in text
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"stiffness": 0.7},
+        {"stiffness": 1.3},
+        {"damping": 2.0},
+        {"payload_kg": 0.03},
+        {"name": "track_circle", "payload_kg": 0.0, "damping": 2.0},
+        {"name": "track_circle", "payload_kg": 0.02},
+        {"pose_every": 8},
+    ],
+)
+def test_an_arm_unlike_its_file_has_no_late_stamps(changes):
+    assert "stamped" not in shifted(0.0, **changes)
 
 
 def arm(controller):

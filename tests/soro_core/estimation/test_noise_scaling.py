@@ -37,6 +37,15 @@ def test_an_arm_ten_times_as_stiff_is_accelerated_ten_times_as_much():
     assert found.initial.curvature_rate_std_per_m_s == pytest.approx(rate, rel=5e-3)
 
 
+def test_the_forces_of_a_slow_arm_change_slowly():
+    robot = shipped("tue_three_bellow")
+    soft = robot.scaled(stiffness=0.1, damping=1.0, gain=1.0)
+    found, default = scaled_noise(EstimatorConfig(), soft), EstimatorConfig()
+    for name in ("stretch_disturbance", "curvature_disturbance_per_m"):
+        expected = 0.1**1.75 * getattr(default.learned_process, name)
+        assert getattr(found.learned_process, name) == pytest.approx(expected, rel=5e-3)
+
+
 def test_a_link_twice_as_long_is_half_as_curved():
     robot = shipped("tue_three_bellow")
     long = robot.replace(links=[{**fields(robot.links[0]), "length": 0.128}])

@@ -2,6 +2,7 @@
 
 import pytest
 
+from soro_core.estimation import EstimatorConfig
 from soro_core.run_keys import SHARED, Frames
 from soro_core.safety import Limits
 from soro_core.twin.config import TwinConfig, TwinSection
@@ -53,3 +54,18 @@ def test_a_path_of_the_checkout_is_answered_elsewhere_by_the_name_that_works(tmp
     with refused("", "no such file") as caught:
         load_scene("config/scenes/mine.yaml")
     assert "mine" not in caught.value.allowed
+
+
+def test_noise_that_a_scene_states_of_its_sensors_is_that_of_the_filter():
+    keys = {"twin.pose.position_noise_m": 3e-3, "twin.imu.rate_noise_rad_s": 0.1}
+    found = load_scene("hanging_arm", keys).estimator_node().filter
+    assert (found.pose.position_std_m, found.imu.rate_std_rad_s) == (3e-3, 0.1)
+    # That of accelerations is an allowance for the motion of the arm.
+    still = load_scene("hanging_arm", {"twin.imu.acceleration_noise_m_s2": 1e-3}).estimator
+    assert still.imu.acceleration_std_m_s2 == EstimatorConfig().imu.acceleration_std_m_s2
+    stated = load_scene("hanging_arm", keys | {"estimator.pose.position_std_m": 1e-3}).estimator
+    assert (stated.pose.position_std_m, stated.imu.rate_std_rad_s) == (1e-3, 0.1)
+    assert load_scene("hanging_arm", {"twin.pose.position_noise_m": 0.0}).estimator.pose.position_std_m > 0.0
+    # A scene is written with the numbers that are used.
+    written = load_scene("hanging_arm", keys).to_dict()
+    assert written["estimator"]["pose"]["position_std_m"] == 3e-3

@@ -53,7 +53,13 @@ def lasting(draw):
     return 0.5 * draw.normal(size=T.size * 3) + 0.5 * amplitude * SLOPES[:, 0]
 
 
-@pytest.mark.parametrize("errors", [independent, heavy, lasting])
+def longer(draw):
+    """The same for two seconds, as of a law that is missing."""
+    amplitude = np.repeat(draw.normal(size=SECONDS // 2), 2 * RATE * 3)
+    return 0.5 * draw.normal(size=T.size * 3) + 0.5 * amplitude * SLOPES[:, 0]
+
+
+@pytest.mark.parametrize("errors", [independent, heavy, lasting, longer])
 def test_deviations_are_those_of_repeated_experiments(figure, errors):
     draw, made = np.random.default_rng(1), problem()
     solutions = [found(errors(draw)) for _ in range(200)]

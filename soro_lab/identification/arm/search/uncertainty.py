@@ -1,9 +1,9 @@
 """How sure numbers are: covariance from blocks of samples, correlations, and what the data do not determine.
 
 Errors of a model last: samples of one run are no independent witnesses, and a covariance that counts each
-sample is far too small. Here the scores of a block of samples (a second of a run, one state at rest) are
-summed first and the blocks count as independent: the sandwich estimate. It is never taken smaller than the
-estimate of independent samples.
+sample is far too small. Here the scores of a block of samples (a second of a run, longer where scores stay
+correlated; one state at rest) are summed first and the blocks count as independent: the sandwich estimate. It
+is never taken smaller than the estimate of independent samples.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ from soro_lab.identification.arm.search.solve import FitSolution
 UNDETERMINED = 0.5
 # A number within this many deviations of the prior from its bound is at it.
 _AT_BOUND = 1e-3
+# A run has at least so many blocks; a block is so many times as long as correlation lasts.
+_FEWEST, _BLOCK = 10, 3.0
 # Parts of a combination of numbers that are named: those above this share of the largest.
 _NAMED = 0.5
 
@@ -109,7 +111,7 @@ def _covariance(problem: Problem, solution: FitSolution, free: Sequence[int] | N
     # B = (R' R)^-1 of (3): squares of what is nearly open would leave round-off alone, maybe below 0.
     root = np.linalg.qr(np.vstack([np.sqrt(curvature)[:, None] * jacobian, prior]), mode="r")
     scores = jacobian * slope[:, None]
-    blocks = _blocks(problem)
+    blocks = _blocks(problem, scores)
     summed = np.zeros((int(blocks.max()) + 1, len(prior)))
     np.add.at(summed, blocks, scores)
 
@@ -124,19 +126,39 @@ def _covariance(problem: Problem, solution: FitSolution, free: Sequence[int] | N
     return np.asarray(scaled @ scaled.T)
 
 
-def _blocks(problem: Problem) -> NDArray[np.intp]:
-    """Number of the block of each row."""
-    found, count = [], 0
+def _blocks(problem: Problem, scores: Array) -> NDArray[np.intp]:
+    """Number of the block of each row, whose scores are (m, n)."""
+    found, count, row = [], 0, 0
     for case in problem.cases:
-        last = 0
+        last, lasting, widths = 0, case.block_s, []
         for shape in case.shapes:
-            width = len(problem.expected[shape.name])
-            own = np.floor(shape.t / case.block_s).astype(np.intp)
-            own = own - (own.min() if len(own) else 0)
-            found.append(np.repeat(own + count, width))
-            last = max(last, int(own.max()) + 1 if len(own) else 0)
+            widths.append(len(problem.expected[shape.name]))
+            end = row + len(shape.t) * widths[-1]
+            own = scores[row:end].reshape(len(shape.t), widths[-1], scores.shape[1]).sum(axis=1)
+            lasting, row = max(lasting, _correlated_s(shape.t, own)), end
+        for shape, width in zip(case.shapes, widths, strict=True):
+            number = np.floor(shape.t / lasting).astype(np.intp)
+            number = number - (number.min() if len(number) else 0)
+            found.append(np.repeat(number + count, width))
+            last = max(last, int(number.max()) + 1 if len(number) else 0)
         count += last
     return np.concatenate(found)
+
+
+def _correlated_s(t: Array, scores: Array) -> float:
+    """Time [s] of a block beyond which no score is correlated, of samples (n, n_x) at times (n,).
+
+    Correlation ends at the first lag where it is no more than chance makes it, two deviations.
+    """
+    n = len(t)
+    if n < 2 * _FEWEST:
+        return 0.0
+    off = scores - scores.mean(axis=0)
+    power = np.abs(np.fft.rfft(off, 2 * n, axis=0)) ** 2
+    along = np.fft.irfft(power, axis=0)[:n]
+    ended = along <= 2.0 / np.sqrt(n) * along[0]
+    lag = int(np.argmax(ended, axis=0).max())
+    return float(min(_BLOCK * lag * np.median(np.diff(t)), (t[-1] - t[0]) / _FEWEST))
 
 
 def _undetermined(numbers: tuple[ArmParameter, ...], covariance: Array) -> dict[str, tuple[str, ...]]:

@@ -36,11 +36,11 @@ coverage: $(VENV)/.installed-test
 test: $(VENV)/.installed-test
 	@$(MAKE) --no-print-directory --keep-going -j 2 pytest lint docs
 
-# The tests start hundreds of processes; without byte code each of them would compile the package anew. Three
-# workers on two cores: those of nodes and devices wait more than they compute, and have the higher priority.
+# The tests start hundreds of processes; without byte code each of them would compile the package anew. With
+# three workers on two cores, tests of devices miss their deadlines, and the whole is no faster.
 pytest: export PYTHONDONTWRITEBYTECODE =
 pytest: $(VENV)/.installed-test
-	$(BIN)/pytest -n 3 --dist worksteal
+	$(BIN)/pytest -n 2 --dist worksteal
 
 # The site of the pages: open build/docs/index.html, which needs no network. A warning is an error.
 docs: $(VENV)/.installed-test

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from soro_core.adaptation.scales import FORCE_PART, scales_of
 from soro_core.arrays import Array
@@ -27,6 +28,8 @@ class Mode:
     ----------
     rate_per_s : float
         Angular frequency without losses [rad/s].
+    uniform_rate_per_s : float
+        That of strains that are uniform along their links alone, whatever the basis [rad/s].
     damping : float
         Part of the critical damping, creep and hysteresis included.
     acceleration : float
@@ -35,6 +38,7 @@ class Mode:
     """
 
     rate_per_s: float
+    uniform_rate_per_s: float
     damping: float
     acceleration: float
 
@@ -59,8 +63,6 @@ def first_mode(arm: SoftArm, stretch: bool) -> Mode | None:
     ConfigError
         If a coordinate has no stiffness.
     """
-    from scipy.linalg import eigh  # imported here: a scene reads the keys of a learner without it
-
     fields = strain_fields(arm.robot)
     of_kind = fields.stretch == stretch
     if not of_kind.any():
@@ -68,18 +70,27 @@ def first_mode(arm: SoftArm, stretch: bool) -> Mode | None:
     zero = np.zeros(arm.n_q)
     unit = scales_of(arm).q[fields.first]
     stiffness, inertia = arm.stiffness_matrix(zero), arm.inertia_matrix(zero)
+    rate, shape = _slowest(stiffness, inertia, of_kind)
+    # Strains that are uniform along their links alone: what is pushed then does not depend on the basis.
+    uniform = np.where(np.arange(len(fields.first)) == fields.index[:, None], fields.uniform[:, None], 0.0)
+    stiffness, inertia = uniform.T @ stiffness @ uniform, uniform.T @ inertia @ uniform
+    uniform_rate, _ = _slowest(stiffness, inertia, of_kind[fields.first])
+    force = FORCE_PART * np.diag(stiffness) * unit
+    pushed = np.linalg.norm(np.linalg.solve(inertia, np.diag(force)), axis=1)
+    acceleration = float(np.exp(np.mean(np.log(pushed[of_kind[fields.first]]))))
+    return Mode(rate, uniform_rate, float(shape @ losses(arm, rate) @ shape) / (2.0 * rate), acceleration)
+
+
+def _slowest(stiffness: Array, inertia: Array, of_kind: NDArray[np.bool_]) -> tuple[float, Array]:
+    """Return angular frequency and shape of the slowest mode that is mostly of some strains."""
+    from scipy.linalg import eigh  # imported here: a scene reads the keys of a learner without it
+
     square, shapes = eigh(stiffness, inertia)
     energy = shapes * (stiffness @ shapes)
     share = energy[of_kind].sum(axis=0) / energy.sum(axis=0)
-    # The first that is mostly of the kind; coupled ones may be half of each.
+    # Coupled modes may be half of each kind.
     index = int(np.argmax(share >= min(0.5, float(share.max()))))
-    rate, shape = float(np.sqrt(square[index])), shapes[:, index]
-    # Strains that are uniform along their links alone: what is pushed then does not depend on the basis.
-    uniform = np.where(np.arange(len(fields.first)) == fields.index[:, None], fields.uniform[:, None], 0.0)
-    force = FORCE_PART * np.diag(uniform.T @ stiffness @ uniform) * unit
-    pushed = np.linalg.norm(np.linalg.solve(uniform.T @ inertia @ uniform, np.diag(force)), axis=1)
-    acceleration = float(np.exp(np.mean(np.log(pushed[of_kind[fields.first]]))))
-    return Mode(rate, float(shape @ losses(arm, rate) @ shape) / (2.0 * rate), acceleration)
+    return float(np.sqrt(square[index])), shapes[:, index]
 
 
 def losses(arm: SoftArm, rate_per_s: float) -> Array:

@@ -255,7 +255,9 @@ class Controller(GivenReferences):
         believed = self.law.actuation(inner, actuation, place)
         wish = self.setpoints.allocate(believed, desired, state.wish_pa)
         bias = self._nothing if regulators is None else regulators.bias_pa + regulators.play_pa
-        limit_cycle = self.limit_cycles.step(state.limit_cycle, terms, believed @ bias, point.q, belief, dt)
+        limit_cycle = self.limit_cycles.step(
+            state.limit_cycle, terms, believed @ bias, point.q, belief, bool(state.watch.saturated), dt
+        )
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
         if not made.ok:
             return self._held(state, f"no finite pressures for the force that law {self.config.law} asks for")

@@ -40,7 +40,7 @@ class NoiseScales:
     bend_acceleration, stretch_acceleration : float
         Accelerations of curvature [1/(m s^2)] and of elongation [1/s^2] by one unit of force.
     bend_rate_per_s, stretch_rate_per_s : float
-        Angular frequencies of the first modes [rad/s].
+        Angular frequencies of the first modes of strains that are uniform along their links [rad/s].
     shapes : float
         Coefficients of one bending along the arm.
     """
@@ -74,8 +74,8 @@ def noise_scales(robot: Robot) -> NoiseScales:
         curvature_per_m=BEND_RAD * len(robot.links) / robot.length,
         bend_acceleration=bend.acceleration if bend else TUNED_FOR.bend_acceleration,
         stretch_acceleration=stretch.acceleration if stretch else TUNED_FOR.stretch_acceleration,
-        bend_rate_per_s=bend.rate_per_s if bend else TUNED_FOR.bend_rate_per_s,
-        stretch_rate_per_s=stretch.rate_per_s if stretch else TUNED_FOR.stretch_rate_per_s,
+        bend_rate_per_s=bend.uniform_rate_per_s if bend else TUNED_FOR.bend_rate_per_s,
+        stretch_rate_per_s=stretch.uniform_rate_per_s if stretch else TUNED_FOR.stretch_rate_per_s,
         shapes=float(max(coefficients, 1) / max(len(set(bends)), 1)),
     )
 

@@ -27,17 +27,17 @@ def run(
     valves: Valves = None,
     device: Device = None,
     arm: Arm = None,
+    folder: Folder = Path("runs"),
+    figure: Annotated[bool, typer.Option(help="Draw the picture of the run.")] = True,
+    view: Annotated[
+        bool, typer.Option("--view", help="Show the arm in the browser while it runs (docs/view.md).")
+    ] = False,
     learn_from: Annotated[
         Path | None,
         typer.Option(
             metavar="RUN", help="Run folder, or its learned.yaml: start from what the law had learned there."
         ),
     ] = None,
-    folder: Folder = Path("runs"),
-    figure: Annotated[bool, typer.Option(help="Draw the picture of the run.")] = True,
-    view: Annotated[
-        bool, typer.Option("--view", help="Show the arm in the browser while it runs (docs/view.md).")
-    ] = False,
 ) -> None:
     """Run a scene: emulated or simulated robot, estimator, controller and recorder, as ROS 2 nodes.
 

@@ -13,7 +13,7 @@ from soro_ros.recordings.causes import AT_LIMIT_PART, end_of_commands, probable_
 from soro_ros.recordings.events import warnings_at
 from soro_ros.recordings.evidence import evidence_of
 from soro_ros.recordings.recording import RunRecording
-from soro_ros.recordings.report import WINDOW_S, Summary, last_s
+from soro_ros.recordings.report import MISSING_S, WINDOW_S, Summary
 from soro_ros.run.end import End
 
 # Words of trips by which nodes or devices are late; the first says that no command came.
@@ -76,7 +76,9 @@ def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | N
         return Verdict("good")
     if summary is None:
         return Verdict("good", "not judged: no tip was recorded")
-    last = f"the last {last_s(scene):g} s"
+    if summary.duration_s < WINDOW_S - MISSING_S:  # chambers are still filled, and the load is not known yet
+        return Verdict("good", notes=(f"too short to be judged: how well it follows takes {WINDOW_S:g} s",))
+    last = f"the last {WINDOW_S:g} s"
     limits, length, error = scene.verdict, scene.loaded_robot.length, summary.tip_error_last_rms_m
     lost: list[str] = []
     poor: list[str] = []
@@ -88,11 +90,6 @@ def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | N
                 f"tip error {1e3 * error:.1f} mm RMS in {last}, {error / length:.1%} of the "
                 f"length, more than {100 * part:g}% ({1e3 * part * length:.1f} mm)"
             )
-    if scene.duration_s < WINDOW_S and not lost:  # chambers are still filled, and the load is not known yet
-        text = (
-            f"{scene.duration_s:g} s show that the arm is not lost; how well it follows takes {WINDOW_S:g} s"
-        )
-        return Verdict("good", notes=(text,))
     for what, part, most, found in (
         ("", summary.saturated_part, limits.at_bound_part, lost),
         (f" of {last}", summary.saturated_last_part, AT_LIMIT_PART, poor),

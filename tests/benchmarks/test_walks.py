@@ -9,7 +9,7 @@ MOST = {
     "control tick": (85, 35),  # 13 of them learn the chambers
     "CANopen cycle": (90, 22),
     "pose to state": (38, 12),
-    "scene key to node": (105, 26),
+    "scene key to node": (108, 27),  # 3 of them are a law of a file, and noise that a scene states
 }
 
 

@@ -63,6 +63,7 @@ def test_columns_have_names_and_units(soro, tmp_path):
     assert soro("bag", "convert", str(SMALL), str(tmp_path / "t"), "-t", "*/chambers/*").status == 0
     assert sorted(file.name for file in (tmp_path / "t").iterdir()) == [
         "imu_and_outliers.chambers.command.csv",
+        "imu_and_outliers.chambers.latch.csv",
         "imu_and_outliers.chambers.state.csv",
         "topics.yaml",
     ]

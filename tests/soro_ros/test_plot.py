@@ -115,7 +115,7 @@ def test_a_whole_recording_has_every_panel(tmp_path):
 
 
 def test_what_is_missing_is_named_and_parts_are_one_run(tmp_path):
-    bag = copied(tmp_path / "bag", ["chambers/state"], split_bytes=1_100_000, split_ns=2 * 10**9)
+    bag = copied(tmp_path / "bag", ["chambers/state"], split_bytes=1_100_000, split_ns=2 * 10**8)
     assert len(list(bag.glob("*.mcap"))) > 1
     result = soro("plot", bag)
     assert result.exit_code == 0, result.output

@@ -4,7 +4,8 @@ Feedback that comes too late for its gains makes the loop swing at a frequency o
 holds it. Half swings of the tracking error of a coordinate, of like duration and not becoming smaller, in
 which the feedback swings too, are a limit cycle, unless the reference turns about as fast. After a step of
 the load the loop swings until the load is learned: the estimate jumps then, and nothing is judged for a
-while. Feedback that has been lowered stays so: what made it swing is still there.
+while. Nor is an arm whose pressures end before what it needs: no feedback moves it then. Feedback that has
+been lowered stays so: what made it swing is still there.
 """
 
 from __future__ import annotations
@@ -66,8 +67,8 @@ class LimitCycleState:
         Heights of the feedback in the last half swings.
     place, rate : ndarray (n,)
         Estimate at the last tick, in units of q.
-    jumped_s : float
-        When the estimate jumped last [s].
+    disturbed_s : float
+        When the estimate jumped or a chamber lacked pressure last [s].
     part, note : float, str
         Part of the feedback that is in force; what the user must know, or an empty string.
     """
@@ -83,7 +84,7 @@ class LimitCycleState:
     pushed: Array
     place: Array
     rate: Array
-    jumped_s: float = -math.inf
+    disturbed_s: float = -math.inf
     part: float = 1.0
     note: str = ""
 
@@ -125,6 +126,7 @@ class LimitCycleWatch:
         bias: Array,
         reference: Array,
         belief: ArmBelief,
+        is_short: bool,
         dt: float,
     ) -> LimitCycleState:
         """Return the state after a tick.
@@ -141,6 +143,8 @@ class LimitCycleWatch:
         reference : ndarray (n,)
             Coordinates of the reference.
         belief : ArmBelief
+        is_short : bool
+            Whether a chamber has lacked pressure for a while (`ControlMonitorState.saturated`).
         dt : float
             Time since the last tick [s].
         """
@@ -152,7 +156,7 @@ class LimitCycleWatch:
         place, rate = belief.q / by_q, belief.qd / by_q
         jump = np.abs(place - state.place - 0.5 * dt * (rate + state.rate)).max()
         starts = t_s < _START_S
-        has_jumped = jump > _JUMP_Q and not starts
+        is_disturbed = (jump > _JUMP_Q or is_short) and not starts
         ahead = state.side * (signal - state.extreme)
         is_out = (ahead > 0.0) | starts
         height = np.abs(state.extreme - state.values[:, -1])
@@ -166,13 +170,28 @@ class LimitCycleWatch:
             most=feedback if starts else np.maximum(state.most, feedback),
             place=place,
             rate=rate,
-            jumped_s=t_s if has_jumped else state.jumped_s,
+            disturbed_s=t_s if is_disturbed else state.disturbed_s,
         )
         return _turned(after, turned, signal, feedback, dt) if turned.any() else after
 
 
 def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
-    """Return terms and desired force of a law with this part of its feedback."""
+    """Return terms and desired force of a law with this part of its feedback.
+
+    Parameters
+    ----------
+    terms : mapping of str to ndarray (n,)
+        Those of the law, in units of force.
+    desired : ndarray (n,)
+        Force that the law asks for.
+    part : float
+        Part of the feedback that is left, 0 to 1.
+
+    Returns
+    -------
+    terms, desired
+        As given where the law does not tell its feedback.
+    """
     if any(np.shape(terms.get(name, ())) != desired.shape for name in FEEDBACK):
         return terms, desired
     proportional, derivative = terms["proportional"], terms["derivative"]
@@ -200,7 +219,7 @@ def _turned(
         & (heights[:, -1] > _LASTS_PART * heights[:, 0])
         & (shortest_s > np.maximum(_EVEN_PART * longest_s, _LEAST_TICKS * dt))
         & (pushed.min(axis=1) > _LEAST_FORCE)
-        & (state.t_s - state.jumped_s > _UNJUDGED * longest_s)
+        & (state.t_s - state.disturbed_s > _UNJUDGED * longest_s)
         & ~(_HARMONICS * longest_s > reference_s)
     )
     part, note = state.part, state.note

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soro_core.adaptation.bounds import bounded_minimum
-from soro_core.adaptation.chamber_gains import NAMED_DEVIATIONS, chamber_model
+from soro_core.adaptation.chamber_gains import NAMED_DEVIATIONS, NAMED_PART, chamber_model
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.kept import KeptNumbers
@@ -43,8 +43,6 @@ _STEP = 1e-6
 _WAIT_S = 0.5
 # The chambers are judged after each such time [s].
 _JUDGED_S = 0.5
-# A measured gain is taken that differs by this part, and by as many deviations as name a chamber.
-_OTHER_PART = 0.05
 
 
 @dataclass(frozen=True)
@@ -189,7 +187,7 @@ class Learner:
         )
 
     def state_with_gains(self, gain: Array, deviation: Array) -> LearnerState:
-        """Return the prior with measured gains of the links in which one differs from what is known of it.
+        """Return the prior with measured gains of each link in which one differs so much that it is named.
 
         Parameters
         ----------
@@ -199,7 +197,7 @@ class Learner:
         start, link, size = self.start.copy(), self.chambers.link, self.force.size
         own = slice(size, size + link.size)
         away = np.abs(gain - start[own])
-        is_other = away > np.maximum(_OTHER_PART, NAMED_DEVIATIONS * deviation)
+        is_other = away > np.maximum(NAMED_PART, NAMED_DEVIATIONS * deviation)
         within = np.clip(gain, self.lower[own], self.upper[own])
         start[own] = np.where(np.isin(link, link[is_other]), within, start[own])
         return self.initial_state(start)

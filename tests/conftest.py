@@ -117,10 +117,10 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 # compiles their kernels.
 _COMPILES = "tests/soro_core/loop/test_closed_loop.py::test_the_main_job"
 _NODES = (_COMPILES, "tests/soro_core/twin/", "tests/soro_ros/")
-# Devices answer in real time too: another worker takes them all. Both workers wait more than they compute.
+# Devices answer in real time too: another worker takes them all.
 _DEVICES = "tests/soro_hardware/"
-# What of ROS keeps no time: any worker takes it, a file at a time, the long ones
-# first, so that all end together.
+# What of ROS keeps no time: any worker takes it, a file at a time, the long ones first, so that all end
+# together.
 _TIMELESS = tuple(
     f"tests/soro_ros/test_{name}.py"
     for name in (
@@ -128,7 +128,7 @@ _TIMELESS = tuple(
         *("convert", "extreme_messages", "film", "foreign_bags", "plot", "replay", "report"),
     )
 )
-# A third one computes meanwhile: first what needs no kernels, or only its own (finite elements), until those
+# One that has done these computes: first what needs no kernels, or only its own (finite elements), until those
 # of the nodes are there, and what compiles the other variants of a step, which two would both compile.
 _ORDER = (
     *_NODES,
@@ -187,4 +187,4 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
     keeps_time = item.nodeid.startswith((*_NODES, _DEVICES))
     if "PYTEST_XDIST_WORKER" in os.environ and not keeps_time and _NICE not in item.config.stash:
         item.config.stash[_NICE] = True
-        os.nice(10)
+        os.nice(5)

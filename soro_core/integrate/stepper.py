@@ -218,11 +218,9 @@ class Stepper:
             raise ModelError(f"dt = {short(dt)} s: allowed is a number above 0", "dt")
         p = shaped(pressures, (arm.n_u,), "pressures", arm.robot.name)
         w = flat_wrench(arm.robot, wrench)
-        # A run of one step: rows are before and after.
-        q, v, z = np.empty((2, arm.n_q)), np.empty((2, arm.n_q)), np.empty((2, self._n_internal))
-        q[0] = shaped(state.q, (arm.n_q,), "q", arm.robot.name)
-        v[0] = shaped(state.qd, (arm.n_q,), "qd", arm.robot.name)
-        z[0] = shaped(state.internal, (self._n_internal,), "internal", arm.robot.name)
+        q = self._before_and_after(state.q, arm.n_q, "q")
+        v = self._before_and_after(state.qd, arm.n_q, "qd")
+        z = self._before_and_after(state.internal, self._n_internal, "internal")
         table = np.empty((2, 3, arm.n_u))
         table[:] = p
         _, code = self._run_with(condition)(self._box, (np.array([0.0, number(dt)]), table, w), (q, v, z))
@@ -260,6 +258,13 @@ class Stepper:
         if not status.ok:
             raise ModelError(f"derivatives of a step that {status}")
         return self._room.derive(_SCHEMES[self.name], self._box, (state, end), pressures, dt, wrench)
+
+    def _before_and_after(self, values: Array, n: int, name: str) -> Array:
+        """Return the rows (2, n) of a run of one step, the first of them given."""
+        rows = np.empty((2, n))
+        is_right = type(values) is np.ndarray and values.dtype == np.float64 and values.shape == (n,)
+        rows[0] = values if is_right else shaped(values, (n,), name, self.arm.robot.name)
+        return rows
 
     def _run_with(self, condition: ValveCondition | None) -> Run:
         if condition is None:

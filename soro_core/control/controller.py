@@ -298,10 +298,11 @@ class Controller(GivenReferences):
 
     def _probed(self, probe: ProbeState, state: ControllerState) -> tuple[ControllerState, Command]:
         """Return what follows from a tick of the probe; one that has refused vents for good."""
-        over = probe.done and not probe.refusal
-        state = replace(
-            state, probe=None if over else probe, probed=probe.said, setpoint_pa=probe.setpoint_pa
-        )
+        over, law = probe.done and not probe.refusal, state.law
+        if over and probe.gains is not None:
+            law = self.law.with_gains(law, *probe.gains)
+        after = None if over else probe
+        state = replace(state, law=law, probe=after, probed=probe.said, setpoint_pa=probe.setpoint_pa)
         note = probe.said if probe.done else "probing the chambers before the law begins"
         return state, replace(self._held(state, "")[1], status=ControllerStatus(True, "", note))
 

@@ -21,6 +21,8 @@ from soro_core.control.probing.findings import FAIL, ProbeFinding
 _ALLOWED_S, _PERIODS, _DEVIATIONS = 0.012, 1.2, 4.0
 # Part of the motion that the fit must explain, and fewest samples.
 _EXPLAINED, _LEAST_SAMPLES = 0.85, 30
+# A sensor whose poses differ by less does not move [m].
+_LEAST_MOTION_M = 1e-6
 # Frequencies [rad/s] and damping ratios that the fit starts from; delays that it may find [s].
 _RATES, _RATIOS, _LONGEST_S = np.geomspace(3.0, 100.0, 24), (0.05, 0.15, 0.5, 1.5), 0.3
 # Time between two points of the response [s].
@@ -47,6 +49,7 @@ def judge_stamps(
     t_s: Array,
     reading_pa: Array,
     seen: Sequence[StampedPosition],
+    length_m: float,
     between: Callable[[], None] = lambda: None,
 ) -> list[ProbeFinding]:
     """Return a finding if a sensor's poses are stamped later or earlier than they are taken.
@@ -59,6 +62,8 @@ def judge_stamps(
         Measured pressures [Pa gauge], at rest first.
     seen : sequence of StampedPosition
         All of the probe, in any order.
+    length_m : float
+        Length of the arm [m]: positions farther off from their median are no poses of it.
     between : callable
         Called again and again.
     """
@@ -70,8 +75,12 @@ def judge_stamps(
             for one in seen
             if one.sensor == name and np.isfinite([one.stamp_s, *one.position]).all()
         }
+        if not own:
+            continue
         stamps = np.array(sorted(own))
         positions = np.array([own[stamp] for stamp in stamps])
+        near = (np.abs(positions - np.median(positions, axis=0)) <= length_m).all(axis=1)
+        stamps, positions = stamps[near], positions[near]
         delay = stamp_delay(t_s, reading_pa, stamps, positions, between)
         if delay is None:
             continue
@@ -117,6 +126,8 @@ def stamp_delay(
     inside = (stamp_s > t_s[0] + _LONGEST_S) & (stamp_s < t_s[-1] - _LONGEST_S)
     stamps, moved = stamp_s[inside], position_m[inside] - position_m[inside].mean(axis=0)
     if stamps.size < _LEAST_SAMPLES:
+        return None
+    if np.abs(moved).max() < _LEAST_MOTION_M:
         return None
     # An arm bends in two directions with one frequency, and stretches with another.
     motion = moved @ np.linalg.svd(moved, full_matrices=False)[2][:_MAIN].T

@@ -7,7 +7,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
@@ -20,7 +20,7 @@ from soro_core.robot import Robot
 
 FILE = "learned.yaml"
 # It changes with the meaning of the numbers.
-_VERSION = 1
+_VERSION: Final = 1
 _HEAD = (
     "# What was learned of the arm until the end of a run: of each number its value and its deviation.\n"
     "# soro run SCENE --learn-from FILE starts from gains, area slopes and stiffness (NAME/by NAME); the\n"

@@ -92,9 +92,10 @@ class ChamberModel:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the values."""
-        gains = [f"{name}/gain" for name in self.arm.robot.chamber_names]
-        return (*gains, *(f"link{i}/area_slope" for i in range(self.size - len(gains))))
+        """Names of the values: a slope has that of its link in the robot."""
+        chambers = self.arm.robot.chamber_names
+        links = dict.fromkeys(name.partition("/")[0] for name in chambers)
+        return (*(f"{name}/gain" for name in chambers), *(f"{link}/area_slope" for link in links))
 
     def factor(self, values: Array, q: Array) -> Array:
         """Return e (n_u,) at coordinates q (n_q,)."""

@@ -3,21 +3,24 @@
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Literal
+from typing import Final, Literal
 
 import numpy as np
 from pydantic import Field, field_validator
 
 from soro_core.adaptation.chamber_gains import LEAST_GAIN, MOST_GAIN, MOST_SLOPE
 from soro_core.arrays import Array
-from soro_core.config import Floats, Strict, load
+from soro_core.config import Floats, Strict, parse, read_yaml
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
 
 FILE = "learned.yaml"
+# It changes with the meaning of the numbers.
+_VERSION: Final = 1
 _HEAD = (
     "# What was learned of the arm until the end of a run: of each number its value and its deviation.\n"
     "# soro run SCENE --learn-from FILE starts from gains, area slopes and stiffness (NAME/by NAME); the\n"
@@ -28,7 +31,6 @@ _HEAD = (
 class KeptNumbers(Strict):
     """The learned numbers of one robot, as the law `composite` names them."""
 
-    # It changes with the meaning of the numbers.
     version: Literal[1] = Field(description="version of this file")
     robot: str = Field(description="name of the robot")
     digest: str = Field(description="digest of the robot file's numbers and of how its links are divided")
@@ -98,7 +100,9 @@ class KeptNumbers(Strict):
 
     def to_yaml(self) -> str:
         """Return the text of the file."""
-        head = f"version: {self.version}\nrobot: {self.robot}\ndigest: {self.digest}\nnumbers:\n"
+        # JSON is YAML: a name such as 1e3 stays a text.
+        name = json.dumps(self.robot, ensure_ascii=False)
+        head = f"version: {self.version}\nrobot: {name}\ndigest: {self.digest}\nnumbers:\n"
         numbers = (f"  {name}: [{value:.8g}, {std:.3g}]\n" for name, (value, std) in self.numbers.items())
         return _HEAD + head + "".join(numbers)
 
@@ -109,13 +113,15 @@ def keep(robot: Robot, values: Mapping[str, float], deviations: Mapping[str, flo
     Raises
     ------
     ConfigError
-        If a number is not finite.
+        If a number is not finite, or has no deviation.
     """
+    if missing := sorted(set(values) - set(deviations)):
+        raise ConfigError("learned", f"numbers.{missing[0]}", "no deviation", "a deviation for each value")
     # As the file has them: a value at its bound may be beyond it by a rounding.
     numbers = {
         name: (float(f"{value:.8g}"), float(f"{deviations[name]:.3g}")) for name, value in values.items()
     }
-    return KeptNumbers(version=1, robot=robot.name, digest=digest_of(robot), numbers=numbers)
+    return KeptNumbers(version=_VERSION, robot=robot.name, digest=digest_of(robot), numbers=numbers)
 
 
 def load_kept(path: Path) -> KeptNumbers:
@@ -134,7 +140,13 @@ def load_kept(path: Path) -> KeptNumbers:
     if path.is_dir() and not kept_file(path).is_file():
         allowed = f"a run that ended good or poor with a law that learns: it has {FILE}"
         raise ConfigError(str(path), "", f"no {FILE}", allowed)
-    return load(kept_file(path), KeptNumbers)
+    file = kept_file(path)
+    if not file.exists():
+        raise ConfigError(str(path), "", "no such file", f"a run folder or its {FILE}")
+    data = read_yaml(file)
+    if "version" in data and data["version"] != _VERSION:
+        raise ConfigError(str(file), "version", data["version"], f"{_VERSION}, which this soro reads")
+    return parse(data, KeptNumbers, where=str(file))
 
 
 def kept_file(path: Path) -> Path:
@@ -143,8 +155,11 @@ def kept_file(path: Path) -> Path:
 
 
 def digest_of(robot: Robot) -> str:
-    """Return a digest of the numbers of a robot, whatever its name; keys at their defaults do not count."""
-    text = robot.model_dump_json(exclude={"name"}, exclude_defaults=True)
+    """Return a digest of the numbers of a robot, whatever its name and its description.
+
+    Keys at their defaults do not count.
+    """
+    text = robot.model_dump_json(exclude={"name", "description"}, exclude_defaults=True)
     return f"sha256:{hashlib.sha256(text.encode()).hexdigest()[:16]}"
 
 

@@ -116,7 +116,6 @@ def simulate_many(
     arms, m = _arms(arm), _count(arm, q0, pressure)
     first = arms[0] if isinstance(arms[0], Robot) else arms[0].robot
     name, n_q, n_u = first.name, first.n_q, first.n_u
-    n_internal = SoftArm(first).n_internal if isinstance(arms[0], Robot) else arms[0].n_internal
     for k, one in enumerate(arms):
         robot = one if isinstance(one, Robot) else one.robot
         if (robot.n_q, robot.n_u) != (n_q, n_u):
@@ -126,7 +125,10 @@ def simulate_many(
                 "arm",
             )
     starts, rates = _rows(q0, m, n_q, "q0", name), _rows(qd0, m, n_q, "qd0", name)
-    states, inputs = _rows(internal0, m, n_internal, "internal0", name), _each(pressure, m, n_u, name)
+    inputs, states = _each(pressure, m, n_u, name), [None] * m
+    if internal0 is not None:
+        built = SoftArm(first) if isinstance(arms[0], Robot) else arms[0]
+        states = list(_rows(internal0, m, built.n_internal, "internal0", name))
     if cores is not None and (not isinstance(cores, Integral) or isinstance(cores, bool) or cores < 1):
         raise ModelError(f"cores = {short(cores)}: allowed is a whole number of 1 or more", "cores")
 

@@ -214,8 +214,8 @@ CAUSES = (
     ),
     PossibleCause(lambda seen: seen.answers.text, lambda seen: seen.answers.step),
     PossibleCause(
-        _says("estimator", "ms late"),
-        _step(f"check when the source stamps them; where that is right, {_OTHER_ARM}"),
+        _says("controller", "poses are stamped"),
+        _step("stamp each pose with the time at which it is taken, by the clock of chambers/state"),
     ),
     PossibleCause(
         _says("estimator", "NIS"),

@@ -169,6 +169,8 @@ class ControllerTicks:
 
     def note_pose(self, topic: str, message: PoseStamped) -> None:
         """Note a pose that a sensor has seen, for the probe."""
+        if not messages.is_pose(message.pose):
+            return  # the estimator reports it
         position, _ = messages.pose_arrays(message.pose)
         self._seen.append((topic.rpartition("/")[2], messages.to_ns(message.header.stamp), position))
 

@@ -58,6 +58,14 @@ def test_an_example_prints_its_result(name, capsys, monkeypatch, tmp_path):
     assert all((tmp_path / word).stat().st_size > 0 for word in words if "." in word)
 
 
+def test_the_estimator_has_the_step_of_its_file(monkeypatch, tmp_path):
+    rows = [f"{0.02 * k},0,0,0,0,0,0.063,0,0,0,1" for k in range(5)]
+    (tmp_path / "seen.csv").write_text("\n".join(["head", *rows]))
+    monkeypatch.setattr(sys, "argv", ["estimator_on_csv.py", str(tmp_path / "seen.csv")])
+    found = runpy.run_path(str(ROOT / "examples" / "estimator_on_csv.py"))
+    assert found["dt"] == pytest.approx(0.02)
+
+
 def test_the_node_of_the_examples_leads_the_tip_along_the_square():
     module = runpy.run_path(str(ROOT / "examples" / "publish_reference.py"))
     rclpy.init(args=["--ros-args", "-r", "__ns:=/arm_of_the_test"])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import yaml
+from geometry_msgs.msg import PoseStamped
 
 from soro_core.config import find_config, read_yaml
 from soro_ros.conversion import messages
@@ -69,3 +70,11 @@ def test_in_real_time_the_probe_is_on_and_a_doubt_ends_control_with_the_reason(d
 def test_without_the_key_in_lockstep_and_with_off_the_law_begins_at_once(domain, setting):
     with active(ControllerNode, setting) as node:
         assert node.controller.probe is None
+
+
+def test_what_can_be_no_pose_is_not_noted(domain):
+    with active(ControllerNode, "rate_hz:=200.0") as node:
+        for place, noted in ((1e200, 0), (np.nan, 0), (0.1, 1)):
+            sample = PoseStamped(pose=messages.pose([place, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]))
+            node._ticks.note_pose("sensors/pose", sample)
+            assert len(node._ticks._seen) == noted

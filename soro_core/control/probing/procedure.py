@@ -162,7 +162,9 @@ class Probe:
         judge_dead_time(self.plan.names, t, command, command, self.plan.dead_time_s)
         t = 0.01 * np.arange(200.0)
         swings = np.column_stack([np.sin(3.0 * t)] * 3)
-        judge_stamps(t, swings, [StampedPosition("", *one) for one in zip(t.tolist(), swings, strict=True)])
+        length_m = self._known.arm.length
+        seen = [StampedPosition("", at, length_m * one) for at, one in zip(t.tolist(), swings, strict=True)]
+        judge_stamps(t, swings, seen, length_m)
 
     def initial_state(self) -> ProbeState:
         """Return the state before the first tick."""
@@ -333,7 +335,7 @@ class Probe:
         reading = np.array([row.sample.pressure_pa for row in rows])
         late = judge_dead_time(plan.names, t, command, reading, plan.dead_time_s, between)
         seen = [one for row in rows for one in row.sample.seen]
-        late += judge_stamps(t, reading, seen, between)
+        late += judge_stamps(t, reading, seen, self._known.arm.length, between)
         found, gains = judge_answers(self._model, plan.names, state.held, between)
         hidden = self._hidden(state.part)
         ended = _ended(state, (*found, *late, *hidden))

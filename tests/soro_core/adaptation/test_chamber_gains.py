@@ -92,3 +92,10 @@ def test_gains_keep_a_share_of_each_chamber():
         gains = learner.chambers.factor(state.chambers, np.array(q))
         assert (gains >= 0.2).all()
         assert (gains <= 3.0).all()
+
+
+def test_a_slope_has_the_name_of_its_link():
+    link = fields(FILE.links[0])
+    robot = FILE.replace(links=[{k: v for k, v in link.items() if k != "chambers"}, link])
+    names = Learner(SoftArm(robot), LearnerConfig()).chambers.names
+    assert names == (*(f"link1/chamber{j}/gain" for j in range(3)), "link1/area_slope")

@@ -10,6 +10,7 @@ from soro_core.config import with_changes
 from soro_core.control.probing.dead_time import judge_dead_time
 from soro_core.control.probing.plan import ProbedArm, plan_probe
 from soro_core.control.probing.procedure import Probe, ProbeSample
+from soro_core.control.probing.stamps import StampedPosition, judge_stamps
 from soro_core.errors import ConfigError
 from soro_core.model.equilibrium.statics import stable_equilibrium
 from soro_core.pneumatics import RegulatorModel
@@ -395,3 +396,17 @@ def test_other_arms_and_sensors_are_not_refused(name):
             break
     assert tick.command.status.note == ""
     assert tick.t_s > 3.0
+
+
+@pytest.mark.parametrize(("moves_m", "named"), [(0.05, True), (0.0, False)])
+@pytest.mark.filterwarnings("error")
+def test_stamps_are_judged_by_poses_of_the_arm_alone(moves_m, named):
+    t = 0.01 * np.arange(400.0)
+    turn = np.sin(3.0 * t) * (t > 1.0)
+    pressure = 1e4 * np.column_stack([turn, np.cos(2.0 * t)])
+    bend = moves_m * np.column_stack([turn, np.cos(2.0 * t), np.zeros(t.size)])
+    seen = [StampedPosition("pose", at + 0.05, place) for at, place in zip(t.tolist(), bend, strict=True)]
+    seen[200] = seen[200]._replace(position=np.array([1e200, 0.0, -1e200]))
+    found = judge_stamps(t, pressure, seen, 0.2)
+    assert bool(found) == named
+    assert not named or "stamped" in str(found[0])

@@ -35,6 +35,14 @@ def test_each_run_has_the_same_bits_as_alone(cores):
         same(run, simulate(arm, q[k], qd[k], pressure=p[k], internal0=z[k], **options))
 
 
+def test_robots_may_differ_in_creep():
+    plain, creeping = bellows(), bellows(creep=[{"tau": 0.05, "stiffness": [40.0, 2e-3, 2e-3]}])
+    options = {"pressure": [1e4, 0.0, 0.0], "t_end": 4e-3, "dt": 1e-3}
+    arms = [plain, creeping, creeping.robot]
+    for run, arm in zip(simulate_many(arms, **options), (plain, creeping, creeping), strict=True):
+        same(run, simulate(arm, **options))
+
+
 def test_one_input_for_all_runs_or_one_function_each():
     arm = bellows()
     q, _ = starts(arm)

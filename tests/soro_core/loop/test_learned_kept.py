@@ -142,6 +142,24 @@ def test_a_file_says_what_was_kept(tmp_path):
     assert start.digest == digest_of(HANGING.replace(name="other"))
 
 
+@pytest.mark.parametrize("name", ["1e3", "null", "007", "a: b", "#x", 'a "b"', "ärm"])
+def test_a_name_stays_a_text(tmp_path, name):
+    robot = HANGING.replace(name=name, description="other words")
+    start = keep(robot, {"tip_mass": 0.1}, {"tip_mass": 0.01})
+    (tmp_path / FILE).write_text(start.to_yaml(), encoding="utf-8")
+    load_kept(tmp_path).require_robot(robot.replace(description=""))
+
+
+def test_a_value_without_its_deviation_is_named():
+    with refused("numbers.tip_mass", "no deviation"):
+        keep(HANGING, {"tip_mass": 0.1}, {})
+
+
+def test_a_path_that_is_not_there_is_named(tmp_path):
+    with refused("", "no such file", names=("run folder", FILE)):
+        load_kept(tmp_path / "none")
+
+
 @pytest.mark.parametrize(
     ("changes", "key", "names"),
     [

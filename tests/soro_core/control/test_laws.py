@@ -161,6 +161,29 @@ def test_a_law_that_fails_at_rest_is_refused_with_its_line(tmp_path, method, lin
         Controller(ROBOT, config(law=place))
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [
+        (", {}\n", " * float('nan'), {}\n", "force is not finite"),
+        (", {}\n", " + 1e308, {}\n", "no finite pressures"),
+        (", {}\n", ", None\n", "NoneType"),
+        (", {}\n", ", [q]\n", "list"),
+        (", {}\n", ", {'a': 'text'}\n", "'a'"),
+        (", {}\n", ", {'a': q[:1]}\n", "'a'"),
+        (", {}\n", ", {'a': q * float('nan')}\n", "'a'"),
+        (", {}\n", ", {}\n    def estimates(self, state): return {'a': 'text'}\n", "'text'"),
+        (", {}\n", ", {}\n    def estimates(self, state): return 'text'\n", "str"),
+        (", {}\n", ", {}\n    def estimates(self, state): return {'a': 'b' if state else 0.0}\n", "'b'"),
+        (", {}\n", ", {}\n    def note(self, state): return 3\n", "note"),
+        (", {}\n", ", {}\n    def actuation(self, state, H, q): return 'text'\n", "Error"),
+    ],
+)
+def test_what_a_law_may_not_return_at_rest_is_refused(tmp_path, old, new, found):
+    place = written(tmp_path, FILE.replace(old, new))
+    with refused("law", place, names=(found,)):
+        Controller(ROBOT, config(law=place))
+
+
 def test_a_law_that_does_not_load_is_one_line_with_the_others(entry):
     entry("gone", "no_such_package:Law")
     with refused("law", "gone", names=("adaptive", "no_such_package")):

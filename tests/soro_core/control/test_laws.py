@@ -1,7 +1,9 @@
 """Laws as parts: names, keys, what a law may not return, and laws that lose the arm."""
 
 import copy
+import pickle
 import re
+import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -14,6 +16,7 @@ from soro_core import load_robot, registered, robot_from_dict
 from soro_core.config import find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.laws import Law
+from soro_core.control.laws.registry import find_law
 from soro_lab.scene import load_scene
 from tests.refused import refused
 
@@ -120,14 +123,26 @@ def test_a_scene_finds_the_file_of_its_law_beside_itself(tmp_path, monkeypatch):
         (None, ("no file",)),
         ("class Mine(:\n", ("SyntaxError", "my_law.py, line 1")),
         ("a = 1\nb = a / 0\n", ("ZeroDivisionError", "my_law.py, line 2")),
+        ("import sys\nsys.exit(0)\n", ("SystemExit", "my_law.py, line 2")),
         ("Mine = 3\n", ("subclass of soro_core.control.laws.Law",)),
+        (FILE.replace("def step", "def stop"), ("subclass of soro_core.control.laws.Law",)),
+        (FILE + "\n    Options = dict\n", ("LawOptions",)),
     ],
-    ids=["no file", "syntax", "error", "number"],
+    ids=["no file", "syntax", "error", "exit", "number", "no step", "options"],
 )
 def test_a_file_that_is_no_law_is_one_line(tmp_path, text, names):
+    before = set(sys.modules)
     place = str(tmp_path / "my_law.py:Mine") if text is None else written(tmp_path, text)
     with refused("law", place, names=("adaptive", *names)):
         config(law=place)
+    if "line" in names[-1]:
+        assert not [name for name in set(sys.modules) - before if "law" in name]
+
+
+def test_a_state_of_the_class_of_a_file_can_be_pickled(tmp_path):
+    text = "from typing import NamedTuple\n\nclass Seen(NamedTuple):\n    ticks: int\n"
+    law = find_law(written(tmp_path, text + FILE.replace("return 0", "return Seen(0)")))
+    assert pickle.loads(pickle.dumps(law.initial_state(None))) == (0,)
 
 
 @pytest.mark.parametrize(

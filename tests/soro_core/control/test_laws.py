@@ -13,11 +13,12 @@ import pytest
 import yaml
 
 from soro_core import load_robot, registered, robot_from_dict
+from soro_core.adaptation.kept import keep
 from soro_core.config import find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.laws import Law
 from soro_core.control.laws.registry import find_law
-from soro_lab.scene import load_scene
+from soro_lab.scene import check_learned, load_scene
 from tests.refused import refused
 
 ROOT = Path(__file__).parents[3]
@@ -115,6 +116,25 @@ def test_a_scene_finds_the_file_of_its_law_beside_itself(tmp_path, monkeypatch):
         load_scene("track_circle", {"controller.law": "my_law.py:Mine"})
     of_folder = written(elsewhere, FILE)
     assert load_scene("track_circle", {"controller.law": "my_law.py:Mine"}).controller.law == of_folder
+
+
+LEARNS = """
+from soro_core.control.laws.composite import Composite, CompositeOptions
+
+class Options(CompositeOptions):
+    own: float = 0.0
+
+class Mine(Composite):
+    Options = Options
+"""
+
+
+def test_learned_numbers_of_a_law_with_keys_of_its_own_are_checked(tmp_path):
+    changes = {"controller.law": written(tmp_path, LEARNS), "controller.law_options": {"own": 1.0}}
+    scene = load_scene("track_circle", changes)
+    model = scene.discretisation.discretise(scene.loaded_robot)
+    with refused("numbers.link0/area_slope", "none"):
+        check_learned(scene.with_learned(keep(model, {"no_such": 0.0}, {"no_such": 0.01})), "kept")
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +12,6 @@ from soro_core.arrays import Array
 from soro_core.control.laws.guard import LawError, is_from_outside
 from soro_core.control.laws.protocol import ArmBelief, Law, Preview, Terms
 from soro_core.errors import SoroError
-
-if TYPE_CHECKING:
-    from soro_core.control.command import Command
 
 
 def call_law(
@@ -76,14 +73,14 @@ def _check_numbers(name: str, method: str, found: Any) -> None:
             raise LawError(name, f"its {method} have {key!r}: {value!r}; allowed are numbers by name")
 
 
-def try_law(law: Law[Any], tick: Callable[[], tuple[object, Command]], q: Array) -> None:
+def try_law(law: Law[Any], tick: Callable[[], tuple[object, Any]], q: Array) -> None:
     """Call what the loop and the plan of a motion call of a law from outside, before anything moves.
 
     Parameters
     ----------
     law : Law
     tick : callable
-        A tick of the loop.
+        A tick of the loop; returns the state after it and its `Command`.
     q : ndarray (n_q,)
         Coordinates.
 

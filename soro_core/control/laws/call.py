@@ -48,19 +48,27 @@ def call_law(
     if not np.isfinite(desired).all():
         raise LawError(name, "its force is not finite")
     if is_from_outside(type(law)):
-        _check_terms(name, terms, belief.q.shape)
+        terms = _checked_terms(name, terms, belief.q.shape)
     return inner, desired, terms
 
 
-def _check_terms(name: str, terms: Any, shape: tuple[int, ...]) -> None:
+def _checked_terms(name: str, terms: Any, shape: tuple[int, ...]) -> Terms:
     allowed = f"allowed are arrays of the shape {shape} by name"
     if not isinstance(terms, Mapping):
         raise LawError(name, f"its terms are of the type {type(terms).__name__}; {allowed}")
+    found: dict[str, Array] = {}
     for term, value in terms.items():
-        if not (isinstance(term, str) and isinstance(value, np.ndarray) and value.shape == shape):
-            raise LawError(name, f"its term {term!r} is no such array; {allowed}")
-        if value.dtype.kind not in "fiu" or not np.isfinite(value).all():
-            raise LawError(name, f"its term {term!r} has values that are no finite numbers")
+        try:
+            found[term] = np.asarray(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise LawError(
+                name, f"its term {term!r} is of the type {type(value).__name__}; {allowed}"
+            ) from None
+        if not isinstance(term, str) or found[term].shape != shape:
+            raise LawError(name, f"its term {term!r} has the shape {found[term].shape}; {allowed}")
+        if not np.isfinite(found[term]).all():
+            raise LawError(name, f"its term {term!r} is not finite")
+    return found
 
 
 def _check_numbers(name: str, method: str, found: Any) -> None:

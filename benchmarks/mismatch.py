@@ -116,6 +116,8 @@ KEPT = (
     Case("hanging, as its file", 0.005, lambda robot: robot, {**HANGING, **EMPTY}),
 )
 OPENING_S = (2.0, 4.0)
+# Longest probe of these arms.
+PROBE_S = 8.0
 SPANS = ("0 to 2 s", "2 to 4 s")
 
 
@@ -140,10 +142,11 @@ def square_of(tick: Tick[Any, Any]) -> float:
 
 
 def opening(scene: Scene) -> tuple[list[float], KeptNumbers]:
-    """Return the RMS of the tip error, part of the length, in two spans, and what was kept at the end."""
+    """Return the RMS of the tip error, part of the length, in two spans of the law, and what was kept."""
     squares = []
     for tick in ticks_of(scene):
-        squares.append(square_of(tick))
+        if not tick.command.status.note.startswith("probing"):
+            squares.append(square_of(tick))
     kept = keep(scene.loaded_robot, tick.command.estimates, tick.command.deviations())
     cuts = [round(t * scene.rate_hz) for t in (0.0, *OPENING_S)]
     means = [float(np.mean(squares[a:b])) for a, b in pairwise(cuts)]
@@ -151,7 +154,7 @@ def opening(scene: Scene) -> tuple[list[float], KeptNumbers]:
 
 
 def kept_rows(options: Options) -> list[list[object]]:
-    """Return the first seconds of a run alone, and started from what an earlier one has learned."""
+    """Return the first seconds of a run alone, from the probe, and from what an earlier one has learned."""
     rows = []
     for case in options.pick(KEPT, KEPT[:1]):
         options.say(f"{case.name}, kept")
@@ -159,7 +162,9 @@ def kept_rows(options: Options) -> list[list[object]]:
             scene = scene_of(case, "composite", 1, Path(folder))
             _, kept = opening(scene)
             again = with_changes(scene, seed=2, duration_s=OPENING_S[-1])
-            found = [opening(one)[0] for one in (again, again.with_learned(kept))]
+            control = with_changes(scene.controller, probe_at_enable="warn")
+            probed = with_changes(again, controller=control, duration_s=PROBE_S + OPENING_S[-1])
+            found = [opening(one)[0] for one in (again, probed, again.with_learned(kept))]
         row = (f"{100 * value:.2f}" for pair in zip(*found, strict=True) for value in pair)
         rows.append([case.name, *row])
     return rows
@@ -196,10 +201,11 @@ def run(options: Options) -> str:
             f"{', '.join(map(str, seeds))}; the verdict is that of `soro run`, the notes are the last ones "
             "of the first seed.",
             table(head, rows),
-            "Alone, and started from what an earlier run of 12 s has learned (`--learn-from`): tip error "
-            "RMS, % of the length, `composite`, seed 2, the earlier run seed 1.",
+            "Alone, started from the gains that the probe has measured (`probe_at_enable: warn`, on in real "
+            "time), and from what an earlier run of 12 s has learned (`--learn-from`): tip error RMS behind "
+            "the probe, % of the length, `composite`, seed 2, the earlier run seed 1.",
             table(
-                ["case", *(f"{span}, {how}" for span in SPANS for how in ("alone", "started"))],
+                ["case", *(f"{span}, {how}" for span in SPANS for how in ("alone", "probed", "kept"))],
                 kept_rows(options),
             ),
             "### Random arms",

@@ -14,13 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.judged_loop import Outcome, outcome
+from benchmarks.judged_loop import Outcome, outcome, ticks_of
 from benchmarks.mismatched_robots import relinked, scaled, varying, write_robot
 from benchmarks.options import Options
 from benchmarks.report import table
 from benchmarks.timing import all_cores
 from soro_core import SoftArm
 from soro_core.adaptation.chamber_gains import NAMED_PART
+from soro_core.config import with_changes
 from soro_core.robot import Robot, load_robot
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_exp
 from soro_lab.scene import Scene, load_scene
@@ -33,8 +34,13 @@ GAIN, SLOPE = (0.5, 1.5), (-6.0, 0.0)
 CREEP, CREEP_S, DAHL, DAHL_RANGE = (0.0, 0.2), (0.1, 2.0), (0.0, 0.5), (0.3, 1.5)
 TILT_DEG, PAYLOAD_KG, CURVATURE = (0.0, 3.0), (0.0, 0.02), (4.0, 8.0)
 MEAN_PA = 30e3
+# The law has at least 20 s behind the probe.
+DURATION_S, LAW_S = 28.0, 20.0
 # A chamber that is named is at least this far from the middle one.
 LEAST_APART = 0.1
+# What a probe finds that is wrong here; a tilt that it finds is at least so large.
+_WRONG_FINDINGS = ("chambers are", "the load has changed", "in directions", "set points act", "are stamped")
+_LEAST_TILT_DEG = 1.5
 _CHAMBER = re.compile(r"(link\d+/chamber\d+) gives ([\d.]+) of the force")
 # Words of the causes that may be true here; any other one is wrong.
 _KINDS = {
@@ -134,7 +140,9 @@ def scene_of(arm: Drawn, number: int, folder: Path, known: bool = False) -> Scen
             "robot": plant if known else base,
             "twin.plant": plant,
             "twin.payload_kg": arm.payload_kg,
+            "duration_s": DURATION_S,
             "controller.gains": "auto",
+            "controller.probe_at_enable": "warn",
             "controller.reference.curvature_per_m": arm.curvature_per_m,
             "controller.reference.mean_pressure_pa": MEAN_PA,
             "seed": number,
@@ -152,11 +160,14 @@ class Judged:
     found : Outcome
     right, wrong : tuple of str
         True causes that it names, and other ones.
+    refused : bool
+        Whether the probe refuses it where it does not only warn.
     """
 
     found: Outcome
     right: tuple[str, ...]
     wrong: tuple[str, ...]
+    refused: bool = False
 
 
 def measured(number: int, known: bool = False) -> Outcome:
@@ -165,22 +176,39 @@ def measured(number: int, known: bool = False) -> Outcome:
         return outcome(scene_of(drawn(number), number, Path(folder), known))
 
 
+def is_refused(number: int) -> bool:
+    """Whether the probe refuses an arm by default in real time."""
+    with TemporaryDirectory() as folder:
+        scene = scene_of(drawn(number), number, Path(folder))
+        control = with_changes(scene.controller, probe_at_enable="refuse")
+        over = False
+        for tick in ticks_of(with_changes(scene, controller=control)):
+            if over:
+                return tick.command.terms is None
+            over = not tick.command.status.note.startswith("probing")
+    return True
+
+
 def judged(number: int) -> Judged:
     """Run one arm, and tell its true causes from others: without a true one, the run would be good."""
-    found = measured(number)
-    said = dict.fromkeys(_CHAMBER.findall("; ".join((found.verdict.reason, *found.verdict.notes))))
+    found, refused = measured(number), is_refused(number)
+    text = "; ".join((found.verdict.reason, *found.verdict.notes))
+    said = dict.fromkeys(_CHAMBER.findall(text))
     gain = drawn(number).gain
     right, wrong = [], []
     for name, ratio in said:
         true = gain[int(name[-1])] / float(np.median(gain))
         near = (float(ratio) - 1.0) * (true - 1.0) > 0.0 and abs(true - 1.0) > LEAST_APART
         (right if near else wrong).append(f"{name} at {ratio}")
+    wrong += [f"probe: {words}" for words in _WRONG_FINDINGS if words in text]
+    if "base were tilted" in text and np.linalg.norm(drawn(number).tilt_deg) < _LEAST_TILT_DEG:
+        wrong.append("probe: tilted")
     if found.verdict.word == "good":
-        return Judged(found, tuple(right), tuple(wrong))
+        return Judged(found, tuple(right), tuple(wrong), refused)
     cause = found.verdict.reason.partition("probable cause: ")[2].partition("; next:")[0]
     if cause and not _CHAMBER.search(cause):
         (right if is_true(cause, number) else wrong).append(cause)
-    return Judged(found, tuple(right), tuple(wrong))
+    return Judged(found, tuple(right), tuple(wrong), refused)
 
 
 def is_true(cause: str, number: int) -> bool:
@@ -230,11 +258,15 @@ def written(found: Sequence[Judged]) -> str:
         f"{CREEP_S[0]:g} to {CREEP_S[1]:g} s; at order 0 a Dahl element of up to {DAHL[1]:.0%}, range "
         f"{DAHL_RANGE[0]:g} to {DAHL_RANGE[1]:g} 1/m; base tilted by up to {TILT_DEG[1]:g} degrees; up to "
         f"{1e3 * PAYLOAD_KG[1]:g} g; a circle of {CURVATURE[0]:g} to {CURVATURE[1]:g} 1/m about "
-        f"{1e-3 * MEAN_PA:g} kPa. `composite`, 20 s, tip error RMS of the last {WINDOW_S:g} s.\n\n"
+        f"{1e-3 * MEAN_PA:g} kPa. `composite`, at least {LAW_S:g} s behind the probe, which is on by "
+        f"default in real time; tip error RMS of the last {WINDOW_S:g} s. The probe is at `warn`: the law "
+        "drives each arm (`soro enable --anyway`), and begins with the gains that the probe has measured. "
+        "`refused` are those that the default, `refuse`, does not let begin: it names the cause instead.\n\n"
         f"A named chamber is right if its true gain is more than {LEAST_APART:.0%} from the middle one of "
         "its link, on that side. Any other cause of a bad run is right if it is one of the file, the same "
         f"run with the true file is good, and no chamber is more than {NAMED_PART:.0%} off, or if it is a "
-        "limit or a load, and the run with the true file is bad, too."
+        "limit or a load, and the run with the true file is bad, too. Of what the probe finds, any wiring, "
+        f"load, delay or stamp is wrong, and a tilt if the true one is below {_LEAST_TILT_DEG:g} degrees."
     )
     head = [
         "arms",
@@ -244,6 +276,8 @@ def written(found: Sequence[Judged]) -> str:
         "good",
         "poor",
         "lost or vented",
+        "refused",
+        "refused without a right cause",
         "with a right cause",
         "with a wrong cause",
         "poor without a right one",
@@ -254,6 +288,8 @@ def written(found: Sequence[Judged]) -> str:
         *(f"{value:.2f}" for value in (middle, most, worst)),
         *(str(words.count(word)) for word in ("good", "poor")),
         str(sum(word not in ("good", "poor") for word in words)),
+        str(sum(one.refused for one in found)),
+        str(sum(one.refused and not one.right for one in found)),
         str(sum(bool(one.right) for one in found)),
         str(sum(bool(one.wrong) for one in found)),
         str(sum(one.found.verdict.word == "poor" and not one.right for one in bad)),

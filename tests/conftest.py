@@ -128,8 +128,8 @@ _TIMELESS = tuple(
         *("convert", "extreme_messages", "film", "foreign_bags", "plot", "replay", "report"),
     )
 )
-# One that has done these computes: first what needs no kernels, or only its own (finite elements), until those
-# of the nodes are there, and what compiles the other variants of a step, which two would both compile.
+# One that has done these computes: first what needs no kernels, or only its own (finite elements), until
+# those of the nodes are there, and what compiles the other variants of a step, which two would both compile.
 _ORDER = (
     *_NODES,
     _DEVICES,

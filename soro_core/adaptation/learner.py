@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soro_core.adaptation.bounds import bounded_minimum
-from soro_core.adaptation.chamber_gains import chamber_model
+from soro_core.adaptation.chamber_gains import NAMED_DEVIATIONS, NAMED_PART, chamber_model
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.kept import KeptNumbers
@@ -83,6 +83,8 @@ class LearnerState:
         Relative gains and slopes of the chambers in force, see `ChamberModel`.
     information, moment : ndarray (size, size), (size,)
         A and b of A (theta - start) = b.
+    start : ndarray (size,)
+        The prior's mean, from which it has started.
     prior : ndarray (size, size)
         A_0, a part of A.
     residual, regressor : ndarray (n_q,), (n_q, size); None before the first sample
@@ -108,6 +110,7 @@ class LearnerState:
     chambers: Array
     information: Array
     moment: Array
+    start: Array
     prior: Array
     residual: Array | None = None
     regressor: Array | None = None
@@ -157,8 +160,7 @@ class Learner:
         self.start = np.zeros(self.size)
         if kept is not None:
             self.start = kept.start(arm.robot, self.names, self.lower, self.upper)
-        self._room = self.lower - self.start, self.upper - self.start
-        self.prior = self._prior(self.start[self.force.size :])
+        self.prior = self._prior(self.start, self.start[self.force.size :])
         self._rule = LearningRule(
             config.low_pass_per_s,
             config.forget_s,
@@ -172,22 +174,41 @@ class Learner:
         zero = np.zeros(arm.n_q)
         self._nothing = NonuniformForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
 
-    def initial_state(self) -> LearnerState:
-        """Return the prior."""
+    def initial_state(self, start: Array | None = None) -> LearnerState:
+        """Return the prior; `start` (size,): with another mean than that of what was kept."""
+        start = self.start if start is None else start
+        prior = self._prior(start, start[self.force.size :])
         return LearnerState(
-            **self._parts(self.start),
-            information=self.prior.copy(),
+            **self._parts(start),
+            information=prior.copy(),
             moment=np.zeros(self.size),
-            prior=self.prior,
+            start=start,
+            prior=prior,
         )
 
-    def _prior(self, chambers: Array, doubts_areas: bool = False) -> Array:
-        """Return A_0 (size, size) for such values of the chambers.
+    def state_with_gains(self, gain: Array, deviation: Array) -> LearnerState:
+        """Return the prior with measured gains of each link in which one differs so much that it is named.
 
-        Values that were kept are in doubt by their own size, as at the end of the run that learned them: a
-        file of another day is overcome as fast as the first one was.
+        Parameters
+        ----------
+        gain, deviation : ndarray (n_u,)
+            Gains relative to the mean of their link, and their deviations.
         """
-        kept = self.start[self.force.size :]
+        start, link, size = self.start.copy(), self.chambers.link, self.force.size
+        own = slice(size, size + link.size)
+        away = np.abs(gain - start[own])
+        is_other = away > np.maximum(NAMED_PART, NAMED_DEVIATIONS * deviation)
+        within = np.clip(gain, self.lower[own], self.upper[own])
+        start[own] = np.where(np.isin(link, link[is_other]), within, start[own])
+        return self.initial_state(start)
+
+    def _prior(self, start: Array, chambers: Array, doubts_areas: bool = False) -> Array:
+        """Return A_0 (size, size) for a start and such values of the chambers.
+
+        Values that were kept or measured are in doubt by their own size, as at the end of a run that learned
+        them: a file of another day is overcome as fast as the first one was.
+        """
+        kept = start[self.force.size :]
         far = np.maximum(np.abs(kept), np.abs(chambers - kept))
         return block_diagonal(self.load_prior, self.chambers.prior(far, doubts_areas))
 
@@ -246,16 +267,17 @@ class Learner:
         of_chambers = self.chambers.regressor(sample.q, self.arm.acting_pressure(sample.pressure_pa))
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
-        prior = self._prior(state.chambers, state.doubts_areas)
+        prior, start = self._prior(state.start, state.chambers, state.doubts_areas), state.start
         information, moment = state.information + (prior - state.prior), state.moment.copy()
         # What is learned is the difference from the start, to which it returns.
-        theta = np.concatenate([state.learned.theta, state.chambers]) - self.start
+        theta = np.concatenate([state.learned.theta, state.chambers]) - start
         rule: RuleFields = self._rule._replace(prior=prior)[:]
-        sides = residual - regressor @ self.start, regressor
+        sides = residual - regressor @ start, regressor
         is_determined = gain(rule, dt, covariance, sides, (information, moment), theta)
         if not is_determined:  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
-        within = self.start + bounded_minimum(information, moment, theta, *self._room)
+        room = self.lower - start, self.upper - start
+        within = start + bounded_minimum(information, moment, theta, *room)
         mass_kg = within[0]
         at_bound_s = state.at_bound_s + dt if mass_kg in (self.lower[0], self.upper[0]) else 0.0
         note = ""
@@ -296,14 +318,15 @@ class Learner:
         dt : float
             Time since the last sample [s].
         """
-        theta = np.concatenate([state.learned.theta, state.chambers])
-        theta = self.start + math.exp(-dt / self.config.forget_s) * (theta - self.start)
+        theta, start = np.concatenate([state.learned.theta, state.chambers]), state.start
+        theta = start + math.exp(-dt / self.config.forget_s) * (theta - start)
         theta[0] = state.learned.mass_kg - self.mass_rate * power * dt
         within = np.minimum(np.maximum(theta, self.lower), self.upper)
+        fresh = self.initial_state(start)
         return replace(
-            self.initial_state(),
+            fresh,
             **self._parts(within),
-            moment=self.prior @ (within - self.start),
+            moment=fresh.prior @ (within - start),
             refused=state.refused,
             restored=state.restored,
         )
@@ -341,5 +364,5 @@ class Learner:
         return self.chambers.named(chambers, covariance)
 
     def _restored(self, state: LearnerState, note: str) -> LearnerState:
-        fresh = self.initial_state()
+        fresh = self.initial_state(state.start)
         return replace(fresh, refused=state.refused, restored=state.restored + 1, note=note)

@@ -111,7 +111,7 @@ class Controller(GivenReferences):
             ),
             options_of(self.config.law, self.config.law_options),
         )
-        self.limit_cycles = LimitCycleWatch(self.arm, model.links)
+        self.limit_cycles = LimitCycleWatch(self.arm, model.links, self.pressures.preview_s)
         known = self.pressures
         self._nothing = np.zeros(self.arm.n_u)
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
@@ -255,15 +255,15 @@ class Controller(GivenReferences):
         believed = self.law.actuation(inner, actuation, place)
         wish = self.setpoints.allocate(believed, desired, state.wish_pa)
         bias = self._nothing if regulators is None else regulators.bias_pa + regulators.play_pa
-        limit_cycle = self.limit_cycles.step(
-            state.limit_cycle, terms, believed @ bias, point.q, belief, bool(state.watch.saturated), dt
-        )
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
         if not made.ok:
             return self._held(state, f"no finite pressures for the force that law {self.config.law} asks for")
         saturated, acting = bool(wish.saturated.any()), self.arm.acting_pressure(measured)
         inner = self.law.allocated(inner, Made(desired, wish.force, actuation, acting, saturated), dt)
         missing = self.setpoints.missing_pa(believed, desired, wish) if saturated else self._nothing
+        limit_cycle = self.limit_cycles.step(
+            state.limit_cycle, terms, believed @ bias, point.q, belief, missing, dt
+        )
         tip_reference = self.arm.pose(point.q, self.arm.length)
         after = replaced(
             state,
@@ -298,10 +298,11 @@ class Controller(GivenReferences):
 
     def _probed(self, probe: ProbeState, state: ControllerState) -> tuple[ControllerState, Command]:
         """Return what follows from a tick of the probe; one that has refused vents for good."""
-        over = probe.done and not probe.refusal
-        state = replace(
-            state, probe=None if over else probe, probed=probe.said, setpoint_pa=probe.setpoint_pa
-        )
+        over, law = probe.done and not probe.refusal, state.law
+        if over and probe.gains is not None:
+            law = self.law.with_gains(law, *probe.gains)
+        after = None if over else probe
+        state = replace(state, law=law, probe=after, probed=probe.said, setpoint_pa=probe.setpoint_pa)
         note = probe.said if probe.done else "probing the chambers before the law begins"
         return state, replace(self._held(state, "")[1], status=ControllerStatus(True, "", note))
 

@@ -74,7 +74,7 @@ class Bending:
             levels = [np.zeros(self.arm.n_u), *pressure]
             states = [HeldState(q, none, none, p) for q, p in zip(shapes, levels, strict=True)]
             model = WiringModel(self.arm, mass_prior(self.arm)[2])
-            found = judge_answers(model, self.arm.robot.chamber_names, states)
+            found, _ = judge_answers(model, self.arm.robot.chamber_names, states)
         except (ModelError, np.linalg.LinAlgError) as error:
             text = f"no shape of the model has the tip where it was measured: {error}"
             return [Finding("bends", "fail", text, "frame of the pose sensor, or the robot file")]

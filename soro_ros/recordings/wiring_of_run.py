@@ -36,7 +36,7 @@ def wiring_answers(recording: RunRecording, scene: Scene) -> Answers:
         return NO_ANSWERS
     model = WiringModel(arm, mass_prior(arm)[2])
     try:
-        found = judge_answers(model, robot.chamber_names, states, whole_run=True)
+        found, _ = judge_answers(model, robot.chamber_names, states, whole_run=True)
     except (ModelError, np.linalg.LinAlgError):
         return NO_ANSWERS
     return Answers(found[0].text, found[0].step, found[0].level == FAIL) if found else NO_ANSWERS

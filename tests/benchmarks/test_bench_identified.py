@@ -31,7 +31,9 @@ def test_the_shipped_file_and_a_law_are_judged(
     assert vector <= 0.13
     assert size <= 0.11
     assert release <= 0.14
-    assert re.search(r"\| linear, area slope \| 8 \| [\d.]+ / [\d.]+ \| [\d.]+ / [\d.]+ \| [\d.]+ \| -?[\d.]+ \|", text)
+    assert re.search(
+        r"\| linear, area slope \| 8 \| [\d.]+ / [\d.]+ \| [\d.]+ / [\d.]+ \| [\d.]+ \| -?[\d.]+ \|", text
+    )
 
 
 def test_without_data_the_section_says_so(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -139,6 +139,7 @@ def weak(ratio, cause="", notes=()):
     [
         (weak(1.6), "", 1, 0),
         (weak(0.6), "", 0, 1),
+        (weak(1.6, notes=("controller: probe: tip: poses are stamped 20 ms late",)), "", 1, 1),
         (weak(1.6, "the arm differs from its robot file"), "good", 0, 1),  # a chamber would have to be named
         (weak(1.6, "limits.maximum_pa, 90 kPa, holds set points back"), "poor", 1, 0),
         (weak(1.6, "limits.maximum_pa, 90 kPa, holds set points back"), "good", 0, 1),
@@ -149,5 +150,6 @@ def weak(ratio, cause="", notes=()):
 def test_true_causes_of_a_random_arm_are_told_from_wrong_ones(monkeypatch, found, known, right, wrong):
     truth = Outcome(0.0, Verdict(known))
     monkeypatch.setattr(mismatched_arms, "measured", lambda n, known=False: truth if known else found)
+    monkeypatch.setattr(mismatched_arms, "is_refused", lambda n: False)
     judged = mismatched_arms.judged(3)
     assert (len(judged.right), len(judged.wrong)) == (right, wrong)

@@ -144,6 +144,12 @@ class Composite(Law[CompositeState]):
         """Return H with the learned gains of the chambers; parameters as in `Law.actuation`."""
         return np.asarray(actuation * self.learner.chambers.factor(state.learner.chambers, q))
 
+    def with_gains(self, state: CompositeState, gain: Array, deviation: Array) -> CompositeState:
+        """Return the state with a learner that starts from these gains; parameters as in `Law.with_gains`."""
+        if not self.adapts:
+            return state
+        return replaced(state, learner=self.learner.state_with_gains(gain, deviation))
+
     def heaviest_kg(self) -> float:
         """Return the upper bound of the learned mass [kg]."""
         return self.learner.config.mass_upper_kg if self.adapts else 0.0

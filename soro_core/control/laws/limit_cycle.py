@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from soro_core.adaptation.scales import scales_of
 from soro_core.arrays import Array
+from soro_core.control.control_monitor import DEFICIT_PA, DEFICIT_S
 from soro_core.control.laws.protocol import ArmBelief, Terms
 from soro_core.errors import ConfigError
 from soro_core.frozen import replaced
@@ -67,8 +68,10 @@ class LimitCycleState:
         Heights of the feedback in the last half swings.
     place, rate : ndarray (n,)
         Estimate at the last tick, in units of q.
-    disturbed_s : float
-        When the estimate jumped or a chamber lacked pressure last [s].
+    short_s : ndarray (n_u,)
+        Time for which each chamber has lacked pressure without a break [s].
+    jumped_s : float
+        When the estimate jumped last [s].
     part, note : float, str
         Part of the feedback that is in force; what the user must know, or an empty string.
     """
@@ -84,7 +87,8 @@ class LimitCycleState:
     pushed: Array
     place: Array
     rate: Array
-    disturbed_s: float = -math.inf
+    short_s: Array
+    jumped_s: float = -math.inf
     part: float = 1.0
     note: str = ""
 
@@ -94,7 +98,7 @@ def no_limit_cycle(n: int) -> LimitCycleState:
     zero, points = np.zeros(2 * n), np.zeros((2 * n, _HALVES + 1))
     still, pushed = np.zeros(n), np.zeros((n, _HALVES))
     return LimitCycleState(
-        0.0, zero + 1.0, zero, zero, points, points + np.nan, still, still, pushed, still, still
+        0.0, zero + 1.0, zero, zero, points, points + np.nan, still, still, pushed, still, still, np.zeros(1)
     )
 
 
@@ -107,9 +111,12 @@ class LimitCycleWatch:
         Its units say which swing counts; an arm with a strain without stiffness has none, and no watch.
     pieces : int
         Number of pieces into which each link is discretised.
+    acts_after_s : float
+        Time until a set point acts [s]: no half swing of the loop is shorter.
     """
 
-    def __init__(self, arm: SoftArm, pieces: int = 1) -> None:
+    def __init__(self, arm: SoftArm, pieces: int = 1, acts_after_s: float = 0.0) -> None:
+        self.acts_after_s = acts_after_s
         try:
             scales = scales_of(arm, pieces)
         except ConfigError:
@@ -126,7 +133,7 @@ class LimitCycleWatch:
         bias: Array,
         reference: Array,
         belief: ArmBelief,
-        is_short: bool,
+        missing_pa: Array,
         dt: float,
     ) -> LimitCycleState:
         """Return the state after a tick.
@@ -143,8 +150,8 @@ class LimitCycleWatch:
         reference : ndarray (n,)
             Coordinates of the reference.
         belief : ArmBelief
-        is_short : bool
-            Whether a chamber has lacked pressure for a while (`ControlMonitorState.saturated`).
+        missing_pa : ndarray (n_u,)
+            Pressure beyond its bound that the desired force needs of each chamber [Pa].
         dt : float
             Time since the last tick [s].
         """
@@ -156,7 +163,8 @@ class LimitCycleWatch:
         place, rate = belief.q / by_q, belief.qd / by_q
         jump = np.abs(place - state.place - 0.5 * dt * (rate + state.rate)).max()
         starts = t_s < _START_S
-        is_disturbed = (jump > _JUMP_Q or is_short) and not starts
+        short_s = np.where(np.abs(missing_pa) > DEFICIT_PA, state.short_s + dt, 0.0)
+        has_jumped = jump > _JUMP_Q and not starts
         ahead = state.side * (signal - state.extreme)
         is_out = (ahead > 0.0) | starts
         height = np.abs(state.extreme - state.values[:, -1])
@@ -170,9 +178,11 @@ class LimitCycleWatch:
             most=feedback if starts else np.maximum(state.most, feedback),
             place=place,
             rate=rate,
-            disturbed_s=t_s if is_disturbed else state.disturbed_s,
+            short_s=short_s,
+            jumped_s=t_s if has_jumped else state.jumped_s,
         )
-        return _turned(after, turned, signal, feedback, dt) if turned.any() else after
+        shortest_s = max(self.acts_after_s, _LEAST_TICKS * dt)
+        return _turned(after, turned, signal, feedback, shortest_s) if turned.any() else after
 
 
 def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
@@ -200,9 +210,9 @@ def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
 
 
 def _turned(
-    state: LimitCycleState, turned: NDArray[np.bool_], signal: Array, feedback: Array, dt: float
+    state: LimitCycleState, turned: NDArray[np.bool_], signal: Array, feedback: Array, least_s: float
 ) -> LimitCycleState:
-    """Return the state after a tick at which some signals have turned."""
+    """Return the state after a tick at which some signals have turned; no half swing is below `least_s`."""
     n = feedback.size
     row, own = turned[:, None], turned[:n]
     values = np.where(row, np.column_stack([state.values[:, 1:], state.extreme]), state.values)
@@ -217,9 +227,10 @@ def _turned(
         own
         & (heights.min(axis=1) > _LEAST_Q)
         & (heights[:, -1] > _LASTS_PART * heights[:, 0])
-        & (shortest_s > np.maximum(_EVEN_PART * longest_s, _LEAST_TICKS * dt))
+        & (shortest_s > np.maximum(_EVEN_PART * longest_s, least_s))
         & (pushed.min(axis=1) > _LEAST_FORCE)
-        & (state.t_s - state.disturbed_s > _UNJUDGED * longest_s)
+        & (state.t_s - state.jumped_s > _UNJUDGED * longest_s)
+        & (state.short_s.max() < DEFICIT_S)
         & ~(_HARMONICS * longest_s > reference_s)
     )
     part, note = state.part, state.note

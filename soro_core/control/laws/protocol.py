@@ -242,6 +242,17 @@ class Law(ABC, Generic[State]):
         """
         return self.setting.model_force(q, qd, qdd)
 
+    def with_gains(self, state: State, gain: Array, deviation: Array) -> State:
+        """Return the state before the first tick, with the gains of the chambers that a probe has measured.
+
+        Parameters
+        ----------
+        state : State
+        gain, deviation : ndarray (n_u,)
+            Gains relative to the mean of their link, 0 where they are alike, and their deviations.
+        """
+        return state
+
     def heaviest_kg(self) -> float:
         """Return the largest load [kg] at the tip, beside that of the robot file, that the law is for."""
         return 0.0

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from soro_core.arrays import Array
 from soro_core.control.probing.wiring import HeldState, WiringFit, WiringModel
 
 STOP: Literal["stop"] = "stop"
@@ -25,6 +26,8 @@ _HELD_RESIDUAL = 0.3
 _GAIN_WARN, _GAIN_FAIL, _DEVIATIONS = 0.15, 0.25, 3.0
 # Tilts [deg]: warning, failure.
 _TILT_WARN, _TILT_FAIL = 3.5, 10.0
+# Deviation of gains beside a tilt, by its size [1/rad]: three of it are the largest error seen.
+_BY_TILT = 0.5
 
 
 @dataclass(frozen=True)
@@ -57,14 +60,21 @@ class ProbeFinding:
         return f"probe: {self.text}; {self.step}"
 
 
+class RelativeGains(NamedTuple):
+    """Gains (n_u,) relative to the mean of their link, 0 where all are alike, and deviations (n_u,)."""
+
+    gain: Array
+    deviation: Array
+
+
 def judge_answers(
     model: WiringModel,
     names: Sequence[str],
     states: Sequence[HeldState],
     between: Callable[[], None] = lambda: None,
     whole_run: bool = False,
-) -> list[ProbeFinding]:
-    """Return what the answers of the arm say.
+) -> tuple[list[ProbeFinding], RelativeGains | None]:
+    """Return what the answers of the arm say, and the gains of its chambers; None where they cannot be told.
 
     Parameters
     ----------
@@ -83,19 +93,19 @@ def judge_answers(
     own = next(one for one in fits if one.wiring == tuple(range(len(names))) and not one.changed_kg)
     best = fits[0]
     if whole_run and best.residual_part > _HELD_RESIDUAL:
-        return []
+        return [], None
     if own.cost - best.cost > _WORSE and best.cost < own.cost / _BETTER:
-        return [_changed(best) if best.changed_kg else _wiring(names, best)]
+        return [_changed(best) if best.changed_kg else _wiring(names, best)], None
     if own.cost > _WORSE and own.residual_part > _MOST_RESIDUAL:
         text = "the arm answers in directions that no wiring of the chambers explains"
         causes = ("a turned frame of the pose sensor or base_quaternion", "a robot file of another arm")
-        return [ProbeFinding(FAIL, text, "compare frames and robot file with the arm", causes)]
+        return [ProbeFinding(FAIL, text, "compare frames and robot file with the arm", causes)], None
     if whole_run:
         # What looks like a small tilt may be creep.
         tilted = [one for one in _tilt(own) if one.level == FAIL]
-        return sorted(_gains(model, names, own) + tilted, key=lambda one: one.level != FAIL)
-    # Beside a tilt the gains of chambers cannot be told.
-    return _tilt(own) or _gains(model, names, own)
+        return sorted(_gains(model, names, own) + tilted, key=lambda one: one.level != FAIL), None
+    # Beside a tilt no chamber is named.
+    return _tilt(own) or _gains(model, names, own), _relative(model, own)
 
 
 def _wiring(names: Sequence[str], fit: WiringFit) -> ProbeFinding:
@@ -123,6 +133,18 @@ def _tilt(fit: WiringFit) -> list[ProbeFinding]:
     text += f" ({x:.0f} about its x axis, {y:.0f} about y)"
     causes = ("a natural bend", "a shifted or turned marker")
     return [ProbeFinding(level, text, "level the base, or state base_quaternion or the rest shape", causes)]
+
+
+def _relative(model: WiringModel, fit: WiringFit) -> RelativeGains:
+    """Return the gains relative to the mean of their link."""
+    mean = np.zeros((fit.gain.size, fit.gain.size))
+    for link in model.links:
+        mean[np.ix_(link, link)] = 1.0 / len(link)
+    of_link = mean @ fit.gain
+    by_gain = np.diag(1.0 / of_link) - (fit.gain / of_link**2)[:, None] * mean
+    variance = np.diag(by_gain @ fit.gain_covariance @ by_gain.T)
+    by_tilt = _BY_TILT * np.linalg.norm(fit.tilt)
+    return RelativeGains(fit.gain / of_link - 1.0, np.sqrt(np.maximum(variance, 0.0) + by_tilt**2))
 
 
 def _gains(model: WiringModel, names: Sequence[str], fit: WiringFit) -> list[ProbeFinding]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.probing.dead_time import judge_dead_time
-from soro_core.control.probing.findings import FAIL, STOP, WARN, ProbeFinding, judge_answers
+from soro_core.control.probing.findings import FAIL, STOP, WARN, ProbeFinding, RelativeGains, judge_answers
 from soro_core.control.probing.plan import ProbedArm, end_displacement, plan_probe
 from soro_core.control.probing.stamps import StampedPosition, judge_stamps
 from soro_core.control.probing.wiring import HeldState, WiringModel
@@ -97,6 +97,8 @@ class ProbeState:
         Of rest and of each chamber.
     findings : tuple of ProbeFinding
         Complete at the end.
+    gains : RelativeGains or None
+        Of the chambers, at the end; None where they cannot be told.
     lenient : bool
         Whether what the answers say only warns.
     """
@@ -110,6 +112,7 @@ class ProbeState:
     row: Row | None = None
     held: tuple[HeldState, ...] = ()
     findings: tuple[ProbeFinding, ...] = ()
+    gains: RelativeGains | None = None
     lenient: bool = False
 
     @property
@@ -333,8 +336,10 @@ class Probe:
         late = judge_dead_time(plan.names, t, command, reading, plan.dead_time_s, between)
         seen = [one for row in rows for one in row.sample.seen]
         late += judge_stamps(t, reading, seen, self._known.arm.length, between)
-        found = judge_answers(self._model, plan.names, state.held, between)
-        return _ended(state, (*found, *late, *self._hidden(state.part)))
+        found, gains = judge_answers(self._model, plan.names, state.held, between)
+        hidden = self._hidden(state.part)
+        ended = _ended(state, (*found, *late, *hidden))
+        return replace(ended, gains=None if hidden else gains)
 
 
 _PHASES = {"rest": Probe._rest, "trial": Probe._trial, "press": Probe._press, "fall": Probe._fall}

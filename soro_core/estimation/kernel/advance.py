@@ -68,15 +68,24 @@ def _step(arm: FilterArm, belief: Belief, pressure: Array, dt: float, out: Belie
 
 
 @inner
-def _is_frozen(arm: FilterArm, sample: SampleValues) -> bool:
+def _repeats(sample: SampleValues) -> tuple[bool, bool]:
+    """Tell whether position and orientation of a pose are those of the last one of its sensor."""
+    first, quaternion, record = sample.first, sample.quaternion, sample.record
+    position = orientation = sample.kind == POSE
+    for r in range(3):
+        position = position and first[r] == record[POSITION + r]
+    for r in range(4):
+        orientation = orientation and quaternion[r] == record[QUATERNION + r]
+    return position, orientation
+
+
+@inner
+def _is_frozen(arm: FilterArm, sample: SampleValues, same: bool) -> bool:
     """Put a pose into the record of its sensor; True if the sensor repeats it while the prediction moves."""
     first, quaternion, record, reported = sample.first, sample.quaternion, sample.record, arm.scratch.reported
-    same = True
     for r in range(3):
-        same = same and first[r] == record[POSITION + r]
         record[POSITION + r] = first[r]
     for r in range(4):
-        same = same and quaternion[r] == record[QUATERNION + r]
         record[QUATERNION + r] = quaternion[r]
     kept, square = math.exp(-(sample.stamp - record[STAMP]) / _FORGET_S), 0.0
     record[STAMP] = sample.stamp
@@ -103,11 +112,11 @@ def advance(
     assign(prior.internal, out.internal)
     code: int = fuse(arm, sample, sample.is_new, prior, out)
     if sample.is_new:
-        since_s = sample.stamp - record[STAMP]
-        if sample.kind == POSE and _is_frozen(arm, sample):
+        since_s, repeats = sample.stamp - record[STAMP], _repeats(sample)
+        if sample.kind == POSE and _is_frozen(arm, sample, repeats[0] and repeats[1]):
             assign_belief(prior, out)
             return step, FROZEN
-        match_noise(arm, sample.kind, record, since_s)
+        match_noise(arm, sample.kind, record, since_s, repeats)
         record[STAMP] = sample.stamp
     if code == OUTLIER:
         record[REFUSED] += 1.0

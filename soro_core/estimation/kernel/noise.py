@@ -32,8 +32,11 @@ def noise_variance(arm: FilterArm, kind: int, record: Array, component: int) -> 
 
 
 @inner
-def match_noise(arm: FilterArm, kind: int, record: Array, since_s: float) -> None:
-    """Put a new sample, `since_s` after the last one of its sensor, into the noise of its record."""
+def match_noise(arm: FilterArm, kind: int, record: Array, since_s: float, repeats: tuple[bool, bool]) -> None:
+    """Put a new sample, `since_s` after the last one of its sensor, into the noise of its record.
+
+    A position or an orientation that the sensor repeats, because its steps are coarse, says nothing of noise.
+    """
     reported, time_s = arm.scratch.reported, arm.settings.noise_time
     part = min(since_s / time_s, _MOST_PART) if time_s > 0.0 else 0.0
     for component in range(1 if kind == IMU else N_NOISE):
@@ -47,6 +50,6 @@ def match_noise(arm: FilterArm, kind: int, record: Array, since_s: float) -> Non
             # The update takes back this part of an innovation; without model it is all of the spread's.
             share = spread / (spread + noise + model)
             expected += noise * (1.0 + share + 0.5 * share * share) + 0.5 * share * (1.0 + share) * spread
-        if part > 0.0 and square >= 0.0:  # not before the second sample
+        if part > 0.0 and square >= 0.0 and not repeats[component]:  # not before the second sample
             ratio = 1.0 + part * (min(square / expected, _LARGEST) - 1.0)
             record[NOISE + component] = min(max(record[NOISE + component] * ratio, _LEAST_NOISE), _MOST_NOISE)

@@ -194,7 +194,7 @@ def test_singular_information_restores_the_prior():
     state = learn(learner, true_model(), 100)
     nothing = np.zeros_like(state.information)
     singular = replace(state, information=nothing, prior=nothing)
-    object.__setattr__(learner, "_prior", lambda chambers, doubts: nothing)
+    object.__setattr__(learner, "_prior", lambda *of: nothing)
     still = sample(np.zeros(N), np.zeros(N), true_model())
     after = learner.step(replace(singular, residual=None, regressor=None), still, DT)
     assert after.restored == 1

@@ -19,7 +19,9 @@ N = ARM.n_q
 SIDE = np.array([0.0, 1.0, 0.0])
 
 
-def watched(error, reference=lambda t: 0.0, force=5.0, seconds=10.0, dt=0.005, jumps=(), is_short=False):
+def watched(
+    error, reference=lambda t: 0.0, force=5.0, seconds=10.0, dt=0.005, jumps=(), missing_pa=0.0, watch=WATCH
+):
     """Return the times of detections, and the last state; the arm is where the error has it."""
     state, before, found = no_limit_cycle(N), 1.0, []
     for k in range(round(seconds / dt)):
@@ -33,7 +35,9 @@ def watched(error, reference=lambda t: 0.0, force=5.0, seconds=10.0, dt=0.005, j
             "proportional": -force * state.part * e * BY_FORCE,
             "derivative": np.zeros(N),
         }
-        state = WATCH.step(state, terms, np.zeros(N), reference(t) * SIDE * BY_Q, belief, is_short, dt)
+        state = watch.step(
+            state, terms, np.zeros(N), reference(t) * SIDE * BY_Q, belief, np.array([missing_pa]), dt
+        )
         if state.part < before:
             found.append(t)
         before = state.part
@@ -81,7 +85,11 @@ def test_other_swings_are_no_limit_cycle():
             lambda t: 0.3 * np.sin(swing * t) * (1.0 < t < 2.0),
             {"jumps": (1.1, 1.4, 1.7)},
         ),
-        "pressures end": (lambda t: 0.3 * np.sin(swing * t), {"is_short": True}),
+        "faster than set points act": (
+            lambda t: 0.3 * np.sin(70.0 * t),
+            {"watch": LimitCycleWatch(ARM, 1, 0.06)},
+        ),
+        "pressures end": (lambda t: 0.3 * np.sin(swing * t), {"missing_pa": 3e3}),
         "start": (lambda t: 0.3 * np.sin(50.0 * t) * (t < 0.5), {}),
         "noise": (lambda t: noise[min(round(t / 0.005), 4000)], {"seconds": 20.0}),
     }
@@ -107,7 +115,7 @@ def test_lowered_feedback_is_that_of_the_terms():
 @pytest.mark.parametrize("terms", [{}, dict.fromkeys(limit_cycle.FEEDBACK, 1.0)])
 def test_a_law_that_does_not_tell_its_feedback_by_coordinate_is_not_watched(terms):
     state = no_limit_cycle(N)
-    assert WATCH.step(state, terms, BY_Q, BY_Q, None, False, 0.005) is state
+    assert WATCH.step(state, terms, BY_Q, BY_Q, None, np.zeros(3), 0.005) is state
     assert lowered(terms, BY_Q, 0.5) == (terms, BY_Q)
 
 
@@ -117,4 +125,4 @@ def test_an_arm_without_units_is_not_watched(monkeypatch):
 
     monkeypatch.setattr(limit_cycle, "scales_of", refuse)
     state = no_limit_cycle(N)
-    assert LimitCycleWatch(ARM).step(state, {}, BY_Q, BY_Q, None, False, 0.005) is state
+    assert LimitCycleWatch(ARM).step(state, {}, BY_Q, BY_Q, None, np.zeros(3), 0.005) is state

@@ -56,6 +56,13 @@ def test_noise_of_orientations_beside_their_allowance():
     assert 0.5 < np.sqrt(monitor.noise) < 2.0
 
 
+def test_a_pose_that_a_coarse_sensor_repeats_says_nothing_of_its_noise():
+    run = Run(noise_m=0.0, moving=False)
+    run.ticks(600, rounding_m=3e-4)
+    monitor = run.state.monitors[SENSOR]
+    assert monitor.noise > 0.5
+
+
 def test_outliers_are_no_noise():
     ticks, monitor = loop_of(1.0, 6.0, outlier=0.02, drop=0.2)
     assert np.sqrt(monitor.noise) < 1.5

@@ -118,6 +118,23 @@ def test_the_learner_starts_from_gains_slopes_and_stiffness_and_returns_there():
         )
 
 
+@pytest.mark.parametrize(
+    ("measured", "begins"),
+    [
+        ([0.17, -0.34, 0.17], [0.15, -0.3, 0.15]),  # the same within the error of the probe
+        ([0.01, 0.02, -0.03], [0.01, 0.02, -0.03]),  # mended since then
+        ([0.5, -0.9, 0.4], [0.5, -0.7, 0.4]),  # within the bounds
+    ],
+)
+def test_measured_gains_take_the_place_of_kept_ones_that_they_contradict(measured, begins):
+    gains = {f"link0__chamber{k}__gain": value for k, value in enumerate((0.15, -0.3, 0.15))}
+    options = {"learned": kept(link0__area_slope=2.0, **gains)}
+    law = Controller(HANGING, ControllerConfig(law="composite", law_options=options)).law
+    state = law.with_gains(law.initial_state(), np.array(measured), np.full(3, 0.03)).learner
+    for after in (state, law.learner.follow(state, 0.0, 1e3)):
+        assert after.chambers == pytest.approx([*begins, 2.0])
+
+
 def test_a_file_says_what_was_kept(tmp_path):
     start = kept(link0__chamber1__gain=-0.3)
     (tmp_path / FILE).write_text(start.to_yaml())

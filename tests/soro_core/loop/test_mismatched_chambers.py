@@ -15,11 +15,16 @@ HANGING = load_robot(find_config("three_bellow_hanging", "robots"))
 CIRCLE = {"curvature_per_m": 7.0, "mean_pressure_pa": 30e3}
 
 
+def with_chambers(robot, change):
+    """The robot with other keys of its chambers."""
+    link = robot.links[0]
+    chambers = [fields(chamber) | change(i, chamber) for i, chamber in enumerate(link.chambers)]
+    return robot.replace(links=[fields(link) | {"chambers": chambers}])
+
+
 def tracked(change, duration_s=10.0):
     """Run on a plant whose chambers have other keys."""
-    link = fields(HANGING.links[0])
-    chambers = [fields(chamber) | change(i, chamber) for i, chamber in enumerate(HANGING.links[0].chambers)]
-    plant = HANGING.replace(links=[link | {"chambers": chambers}])
+    plant = with_chambers(HANGING, change)
     control = parse({"law": "composite", "reference": CIRCLE}, ControllerConfig, "test")
     return run(HANGING, Setup(plant=plant, payload_kg=0.0, control=control, duration_s=duration_s))
 
@@ -47,3 +52,32 @@ def test_another_area_slope_is_tracked_and_no_chamber_named():
     assert record.rms(4.0) < 0.01 * HANGING.length
     assert not any("gives" in said for said in record.statuses)
     assert np.isfinite(record.estimates).all()
+
+
+STANDING = load_robot(find_config("tue_three_bellow", "robots"))
+PROBE_S, LAW_S = 7.3, 2.0
+
+
+def probed(change):
+    """Probe and drive the standing arm: first error of the law by the length, and gains it begins with."""
+    reference = {"curvature_per_m": 6.0, "mean_pressure_pa": 30e3}
+    keys = {"law": "composite", "reference": reference, "probe_at_enable": "warn"}
+    control, plant = parse(keys, ControllerConfig, "test"), with_chambers(STANDING, change)
+    setup = Setup(plant=plant, payload_kg=0.0, control=control, duration_s=PROBE_S + LAW_S, refine=2)
+    record = run(STANDING, setup)
+    first = next(k for k, said in enumerate(record.statuses) if not said.startswith("probing")) + 1
+    error = np.sqrt(np.mean(record.error()[first:] ** 2)) / STANDING.length
+    gains = record.estimates[first, [record.names.index(f"link0/chamber{k}/gain") for k in range(3)]]
+    print(f"{100 * error:.2f} % of the length in {record.t[-1] - record.t[first]:.1f} s; begins with {gains}")
+    return error, gains
+
+
+def test_the_law_begins_with_the_gains_that_the_probe_has_measured():
+    error, gains = probed(weak)
+    assert gains == pytest.approx(np.array([1.0, 0.6, 1.0]) / (2.6 / 3) - 1.0, abs=0.05)
+    assert error < 0.01
+
+
+def test_an_arm_as_in_its_file_begins_without_gains():
+    _, gains = probed(lambda i, chamber: {})
+    assert np.all(np.abs(gains) < 1e-3)

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.errors import ModelError
+from soro_core.errors import ModelError, short
 from soro_core.model import SoftArm
+from soro_core.model.checks import number, require
 from soro_core.model.equilibrium.statics import stable_equilibrium
 
 # Combinations of pressures, at most so many; every chamber has at least two levels.
@@ -83,10 +84,20 @@ def reachable(
     Raises
     ------
     ModelError
-        If the arm has no stable rest under any of them.
+        If an argument is not allowed, or the arm has no stable rest under any of them.
     """
+    require(arm, SoftArm, "arm", "a SoftArm")
     low, high = arm.robot.pressure_range_pa
     low, high = low if minimum_pa is None else minimum_pa, high if maximum_pa is None else maximum_pa
+    for name, value in (("minimum_pa", low), ("maximum_pa", high)):
+        if not math.isfinite(number(value)):
+            raise ModelError(f"{name}: got {short(value)}; allowed is a finite number", name)
+    least = min(0.0, arm.robot.pressure_range_pa[0])
+    if not least <= low <= high:
+        allowed = f"{least:g} Pa to maximum_pa, {high:g} Pa"
+        raise ModelError(f"minimum_pa: got {low:g} Pa; allowed is {allowed}", "minimum_pa")
+    if not 0.0 <= number(load_kg) < math.inf:
+        raise ModelError(f"load_kg: got {short(load_kg)}; allowed is 0 or more", "load_kg")
     grid = pressure_grid(np.full(arm.n_u, low), np.full(arm.n_u, high))
     found: list[tuple[Array, Array]] = []
     for pressure in grid:

@@ -233,7 +233,7 @@ class SoftArm(ForwardDynamics):
         -------
         Array of shape (m, 4, 4), (k, 4, 4) or (m, k, 4, 4)
         """
-        one, places = dimensions(q) != 2, np.atleast_1d(np.asarray(s, dtype=np.float64))
+        one, places = dimensions(q) != 2, _places(s)
         m = 1 if one else len(q)  # type: ignore[arg-type]
         rows = shaped(q, (self.n_q,) if one else (m, self.n_q), "q", self.robot.name).reshape(m, self.n_q)
         finite(rows.ravel(), "q")
@@ -377,3 +377,14 @@ class SoftArm(ForwardDynamics):
         Y = np.empty((self.n_q, 4 * len(self.robot.links)))
         entries.elastic_regressor(self._box, q, Y)
         return Y
+
+
+def _places(s: ArrayLike) -> Array:
+    """Return places (k,), of one length or of several."""
+    try:
+        places = np.atleast_1d(np.array(s, dtype=np.float64))
+    except (TypeError, ValueError, OverflowError):
+        places = np.empty((0, 0))
+    if places.ndim != 1:
+        raise ModelError(f"s: got {short(s)}; allowed is a length [m], or a list of lengths", "s")
+    return places

@@ -164,6 +164,8 @@ class Robot(Strict):
         ConfigError
             If a path leads nowhere, or a value is not allowed.
         """
+        if not isinstance(changes, Mapping) or not all(isinstance(path, str) for path in changes):
+            raise ConfigError(self.name, "", changes, "a mapping of paths to values, as links[0].k_b[0]")
         keys = fields(self)
         for path, value in changes.items():
             put(keys, self, path, plain(value))

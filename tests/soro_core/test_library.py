@@ -292,3 +292,38 @@ def test_a_robot_in_mm_and_g_is_named(caplog):
         for name in SHIPPED:
             load_robot(name)
         assert not [line for line in caplog.messages if "kg/m^3" in line]
+
+
+@pytest.mark.parametrize(
+    ("call", "key"),
+    [
+        (lambda arm, q: arm.poses(q, "abc"), "s"),
+        (lambda arm, q: arm.poses(q, [[0.0, 0.01]]), "s"),
+        (lambda arm, q: arm.poses(q, [[0.0], [0.0, 0.01]]), "s"),
+        (lambda arm, q: inverse_kinematics(arm.robot, [0.0, 0.0, 0.06]), "arm"),
+        (lambda arm, q: inverse_kinematics(arm, [0.0, 0.0, 0.06], limit=np.zeros(3)), "limit"),
+        (lambda arm, q: inverse_kinematics(arm, [0.0, 0.0, 0.06], limit=[np.nan, 1.0, 1.0]), "limit"),
+        (lambda arm, q: inverse_kinematics(arm, [0.0, 0.0, 0.06], start=[np.nan, 1.0, 1.0]), "start"),
+        (
+            lambda arm, q: inverse_kinematics(arm, [0.0, 0.0, 0.06], rotation_weight_m=np.nan),
+            "rotation_weight_m",
+        ),
+        (lambda arm, q: reachable(arm.robot), "arm"),
+        (lambda arm, q: reachable(arm, 60e3, 0.0), "minimum_pa"),
+        (lambda arm, q: reachable(arm, -1e3), "minimum_pa"),
+        (lambda arm, q: reachable(arm, 0.0, np.nan), "maximum_pa"),
+        (lambda arm, q: reachable(arm, "low"), "minimum_pa"),
+        (lambda arm, q: reachable(arm, load_kg=-1.0), "load_kg"),
+    ],
+)
+def test_an_argument_that_cannot_be_is_named(call, key):
+    arm = SoftArm(load_robot("tue_three_bellow"))
+    with fails(ModelError, key=key) as caught:
+        call(arm, np.zeros(3))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("changes", [{5: 1.0}, [("tip_mass", 0.1)], None])
+def test_changes_that_are_no_mapping_of_paths_are_refused(changes):
+    with refused(""):
+        load_robot("tue_three_bellow").with_(changes)

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from soro_core.arrays import Array
 from soro_core.control.pressures.allocation import allocate, balanced_weight
 from soro_core.control.pressures.effective_pressure import effective_pressure_of
-from soro_core.errors import ModelError
+from soro_core.errors import ModelError, short
 from soro_core.model import SoftArm
-from soro_core.model.checks import finite, shaped
+from soro_core.model.checks import finite, number, require, shaped
 from soro_core.robot.coordinates import StrainFields, strain_fields
 from soro_core.rotation import matrix_from_quaternion, rotation_log
 
@@ -78,15 +78,21 @@ def inverse_kinematics(
     ModelError
         If a shape or a number is not allowed.
     """
+    require(arm, SoftArm, "arm", "a SoftArm")
     length, name = arm.length, arm.robot.name
     fields = strain_fields(arm.robot) if fields is None else fields
     position = finite(shaped(position, (3,), "position", name), "position")
-    begin = np.zeros(arm.n_q) if start is None else shaped(start, (arm.n_q,), "start", name)
+    begin = np.zeros(arm.n_q) if start is None else finite(shaped(start, (arm.n_q,), "start", name), "start")
     if limit is None:
         limit = np.where(fields.stretch, STRETCH_LIMIT, BEND_LIMIT_RAD / fields.length)
-    limit = shaped(limit, (arm.n_q,), "limit", name)
+    limit = finite(shaped(limit, (arm.n_q,), "limit", name), "limit")
+    if not (limit > 0.0).all():
+        raise ModelError(f"limit: got {short(limit.tolist())}; allowed are numbers above 0", "limit")
     if rotation_weight_m is None:
         rotation_weight_m = 0.1 * length
+    if not 0.0 <= number(rotation_weight_m) < np.inf:
+        got = short(rotation_weight_m)
+        raise ModelError(f"rotation_weight_m: got {got}; allowed is 0 or more", "rotation_weight_m")
     wanted = None
     if orientation is not None:
         turn = finite(shaped(orientation, (4,), "orientation", name), "orientation")

@@ -19,7 +19,7 @@ from soro_core.control.external_references import GivenReferences
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.call import call_law, try_law
 from soro_core.control.laws.guard import refused
-from soro_core.control.laws.limit_cycle import LimitCycleWatch, lowered, no_limit_cycle
+from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, lowered, no_limit_cycle
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.motions.motion import Planner
@@ -261,9 +261,8 @@ class Controller(GivenReferences):
         saturated, acting = bool(wish.saturated.any()), self.arm.acting_pressure(measured)
         inner = self.law.allocated(inner, Made(desired, wish.force, actuation, acting, saturated), dt)
         missing = self.setpoints.missing_pa(believed, desired, wish) if saturated else self._nothing
-        limit_cycle = self.limit_cycles.step(
-            state.limit_cycle, terms, believed @ bias, point.q, belief, missing, dt
-        )
+        asked = AskedForce(terms, believed @ bias, missing)
+        limit_cycle = self.limit_cycles.step(state.limit_cycle, asked, point.q, belief, dt)
         tip_reference = self.arm.pose(point.q, self.arm.length)
         after = replaced(
             state,

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +48,24 @@ _LOWERED, _LEAST_PART = 0.5, 1.0 / 16.0
 
 # What a law must tell of its force.
 FEEDBACK = "error", "proportional", "derivative"
+
+
+class AskedForce(NamedTuple):
+    """What a tick asks of the chambers.
+
+    Attributes
+    ----------
+    terms : mapping of str to ndarray (n,)
+        Those of the law; without `error`, `proportional` and `derivative` nothing is watched.
+    bias : ndarray (n,)
+        Force of what the observer of the regulators takes off the command.
+    missing_pa : ndarray (n_u,)
+        Pressure beyond its bound that the desired force needs of each chamber [Pa].
+    """
+
+    terms: Terms
+    bias: Array
+    missing_pa: Array
 
 
 @dataclass(frozen=True)
@@ -129,11 +147,9 @@ class LimitCycleWatch:
     def step(
         self,
         state: LimitCycleState,
-        terms: Terms,
-        bias: Array,
+        asked: AskedForce,
         reference: Array,
         belief: ArmBelief,
-        missing_pa: Array,
         dt: float,
     ) -> LimitCycleState:
         """Return the state after a tick.
@@ -142,19 +158,14 @@ class LimitCycleWatch:
         ----------
         state : LimitCycleState
             After the last tick.
-        terms : mapping of str to ndarray (n,)
-            Those of the law, with the feedback that is in force; without `error`, `proportional` and
-            `derivative` nothing is watched.
-        bias : ndarray (n,)
-            Force of what the observer of the regulators takes off the command.
+        asked : AskedForce
         reference : ndarray (n,)
             Coordinates of the reference.
         belief : ArmBelief
-        missing_pa : ndarray (n_u,)
-            Pressure beyond its bound that the desired force needs of each chamber [Pa].
         dt : float
             Time since the last tick [s].
         """
+        terms, bias, missing_pa = asked
         if self.units is None or any(np.shape(terms.get(name, ())) != reference.shape for name in FEEDBACK):
             return state
         (by_q, by_force), t_s = self.units, state.t_s + dt

@@ -8,7 +8,7 @@ import pytest
 
 from soro_core import SoftArm, robot_from_dict
 from soro_core.control.laws import limit_cycle
-from soro_core.control.laws.limit_cycle import LimitCycleWatch, lowered, no_limit_cycle
+from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, lowered, no_limit_cycle
 from soro_core.control.laws.protocol import ArmBelief
 from soro_core.errors import ConfigError
 
@@ -36,7 +36,11 @@ def watched(
             "derivative": np.zeros(N),
         }
         state = watch.step(
-            state, terms, np.zeros(N), reference(t) * SIDE * BY_Q, belief, np.array([missing_pa]), dt
+            state,
+            AskedForce(terms, np.zeros(N), np.array([missing_pa])),
+            reference(t) * SIDE * BY_Q,
+            belief,
+            dt,
         )
         if state.part < before:
             found.append(t)
@@ -115,7 +119,7 @@ def test_lowered_feedback_is_that_of_the_terms():
 @pytest.mark.parametrize("terms", [{}, dict.fromkeys(limit_cycle.FEEDBACK, 1.0)])
 def test_a_law_that_does_not_tell_its_feedback_by_coordinate_is_not_watched(terms):
     state = no_limit_cycle(N)
-    assert WATCH.step(state, terms, BY_Q, BY_Q, None, np.zeros(3), 0.005) is state
+    assert WATCH.step(state, AskedForce(terms, BY_Q, np.zeros(3)), BY_Q, None, 0.005) is state
     assert lowered(terms, BY_Q, 0.5) == (terms, BY_Q)
 
 
@@ -125,4 +129,4 @@ def test_an_arm_without_units_is_not_watched(monkeypatch):
 
     monkeypatch.setattr(limit_cycle, "scales_of", refuse)
     state = no_limit_cycle(N)
-    assert LimitCycleWatch(ARM).step(state, {}, BY_Q, BY_Q, None, np.zeros(3), 0.005) is state
+    assert LimitCycleWatch(ARM).step(state, AskedForce({}, BY_Q, np.zeros(3)), BY_Q, None, 0.005) is state

@@ -106,14 +106,17 @@ def check_learned(scene: Scene, where: str) -> None:
     ConfigError
         One line with file, key, what was found and what is allowed.
     """
-    options = scene.controller.law_options
+    law, options = scene.controller.law, scene.controller.law_options
     if not options.get("learned"):
         return
     from soro_core.adaptation.learner import Learner
     from soro_core.control.laws.composite import CompositeOptions
+    from soro_core.control.laws.registry import options_of
     from soro_core.model.discretised import discretised
 
-    given, model = CompositeOptions.model_validate(dict(options)), scene.discretisation
+    given, model = options_of(law, options), scene.discretisation
+    if not isinstance(given, CompositeOptions):  # what `learned` of another law is, it says itself
+        return
     try:
         Learner(discretised(scene.loaded_robot, model), given, model.links, given.learned)
     except ConfigError as error:

@@ -26,9 +26,11 @@ def keep_learned(folder: Path, recording: RunRecording, scene: Scene) -> Path | 
     Returns
     -------
     Path or None
-        The file; None where nothing was learned, or its recording has none of it.
+        The file; None where nothing was learned, its recording has none of it, or no run of the law can
+        start from it.
     """
-    if not (find_law(scene.controller.law).learns and scene.controller.adapt):
+    law = find_law(scene.controller.law)
+    if not (law.learns and scene.controller.adapt and "learned" in law.Options.model_fields):
         return None
     found = recording.estimates, recording.deviations
     values, deviations = (_last(within(series, scene.duration_s)) for series in found)

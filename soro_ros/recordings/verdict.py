@@ -63,6 +63,12 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
         found = Verdict("vented", _why_vented(summary, end, said))
     elif end.recording_failure:
         found = Verdict("lost", f"not judged, because the recording has no end: {end.recording_failure}")
+    elif recording is not None and not recording.wanted_tip.t.size:  # it comes with each command of the law
+        controller = said.get("controller", "")
+        why = end_of_commands(controller, said.get("estimator", "")) or (
+            controller and f"controller: {controller}"
+        )
+        found = Verdict("lost", "; ".join(filter(None, ("the law has given no command", why))))
     else:
         found = _followed(summary, scene, recording)
     more = [line for line in end.warnings if line not in found.reason]

@@ -12,6 +12,7 @@ from soro_core.config import find_config, read_yaml
 from soro_lab.scene import load_scene
 from soro_ros.pictures import panels, picture
 from soro_ros.recordings import recording, report
+from soro_ros.recordings.learned import keep_learned
 from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
 
 
@@ -40,6 +41,27 @@ def recorded(t: np.ndarray, true: TopicSeries, wanted: TopicSeries) -> RunRecord
     estimates = TopicSeries(t, np.full((t.size, 3), 0.02), ("tip_mass", "stiffness", "damping"))
     differences = TopicSeries(t, np.tile([3e-3, 3e-3, 0.0, 0.0, 0.02, -0.01], (t.size, 1)))
     return RunRecording(true, true, wanted, chambers, chambers, estimates, {}, (), true, differences)
+
+
+LEARNS = """
+from soro_core.control.laws import LawOptions
+from soro_core.control.laws.composite import Composite
+
+class Own(Composite):
+    Options = LawOptions
+"""
+
+
+@pytest.mark.parametrize("is_kept", [True, False])
+def test_only_what_a_run_can_start_from_is_kept(tmp_path, is_kept):
+    (tmp_path / "own.py").write_text(LEARNS)
+    scene = load_scene(
+        "track_circle", {"controller.law": "composite" if is_kept else f"{tmp_path}/own.py:Own"}
+    )
+    t = np.arange(0.0, 1.0, 0.1)
+    series = TopicSeries(t, np.full((t.size, 1), 0.01), ("tip_mass",))
+    bag = RunRecording(EMPTY, EMPTY, EMPTY, EMPTY, EMPTY, series, {}, (), deviations=series)
+    assert bool(keep_learned(tmp_path, bag, scene)) == is_kept
 
 
 @pytest.mark.parametrize("ends_s", [20.0, 5.0], ids=["complete", "vented"])

@@ -8,6 +8,8 @@ import yaml
 from soro_core import load_robot
 from soro_core.config import find_config, read_yaml
 from soro_lab.scene import check_gains, load_scene
+from soro_ros.recordings.events import NodeStatus
+from soro_ros.recordings.recording import EMPTY, RunRecording
 from soro_ros.recordings.report import Summary
 from soro_ros.recordings.verdict import Verdict, advice, judge
 from soro_ros.run.end import End
@@ -86,6 +88,16 @@ def test_a_run_that_lateness_ended_has_an_advice(reason, keys, is_given):
 
 def test_a_run_without_a_recording_is_not_judged():
     assert str(judge(None, load_scene("track_circle"), End())) == "good: not judged: no tip was recorded"
+
+
+def test_a_run_without_any_command_of_the_law_is_lost_and_says_why():
+    why = "no command: law mine: its force is not finite"
+    said = (NodeStatus(0.1, "controller", 1, why),)
+    recording = RunRecording(EMPTY, EMPTY, EMPTY, EMPTY, EMPTY, EMPTY, {}, (), said=said)
+    for keys in ({}, {"faults": [LEAK]}):
+        verdict = judge(None, load_scene("track_circle", keys), End(), recording)
+        assert verdict.word == "lost"
+        assert f"controller: {why}" in verdict.reason
 
 
 def gains_of(changes, **keys):

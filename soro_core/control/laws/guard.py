@@ -57,7 +57,7 @@ def _guarded(method: Callable[..., Any]) -> Callable[..., Any]:
             return method(law, *given, **named)
         except (LawError, ConfigError):  # named already; a refusal has its own text
             raise
-        except Exception as error:  # whatever a law from outside does must not end the loop
+        except (Exception, SystemExit) as error:  # whatever a law from outside does must not end the loop
             raise LawError(_name(law), told(error, method.__code__.co_filename)) from error
 
     return call
@@ -69,7 +69,7 @@ def _name(law: Any) -> str:
     return setting.config.law if setting is not None else type(law).__name__
 
 
-def told(error: Exception, file: str) -> str:
+def told(error: BaseException, file: str) -> str:
     """Return an error in one line, with the last line of a file on the way to it."""
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
     place = f" ({Path(file).name}, line {lines[-1]})" if lines else ""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import inspect
 import re
 import sys
 from collections.abc import Mapping
@@ -19,7 +21,7 @@ from soro_core.control.laws.protocol import Law, LawOptions
 AnyLaw: TypeAlias = type[Law[Any]]
 
 GROUP = "soro.laws"
-_ONE = "subclass of soro_core.control.laws.Law"
+_ONE = "subclass of soro_core.control.laws.Law with initial_state, step and Options of LawOptions"
 _IN_FILE = re.compile(r"(.+\.py):(\w+)")
 
 _HERE = "soro_core.control.laws"
@@ -75,7 +77,7 @@ def _law_of_file(file: Path, name: str) -> AnyLaw:
     law: Any
     try:
         law = getattr(_module_of(file, file.stat().st_mtime_ns), name, None)
-    except Exception as error:  # whatever a file does when it is run
+    except (Exception, SystemExit) as error:  # whatever a file does when it is run
         raise ValueError(f"{_allowed()}; {file} does not load ({told(error, str(file))})") from None
     if not _is_law(law):
         raise ValueError(f"{_allowed()}; {name} of {file} is no {_ONE}")
@@ -84,17 +86,24 @@ def _law_of_file(file: Path, name: str) -> AnyLaw:
 
 @lru_cache(maxsize=16)
 def _module_of(file: Path, changed_ns: int) -> ModuleType:
-    """Run a file once, and again after a change."""
-    spec = spec_from_file_location(str(file), file)
+    """Run a file once, and again after a change; its name finds the module again, for pickled states."""
+    digest = hashlib.sha256(f"{file} {changed_ns}".encode()).hexdigest()[:16]
+    spec = spec_from_file_location(f"soro_law_{digest}", file)
     assert spec is not None
     assert spec.loader is not None
     module = sys.modules[spec.name] = module_from_spec(spec)  # dataclasses look their module up there
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[spec.name]
+        raise
     return module
 
 
 def _is_law(found: Any) -> bool:
-    return isinstance(found, type) and issubclass(found, Law)
+    if not (isinstance(found, type) and issubclass(found, Law)) or inspect.isabstract(found):
+        return False
+    return isinstance(found.Options, type) and issubclass(found.Options, LawOptions)
 
 
 def options_of(name: str, values: Mapping[str, Any]) -> LawOptions:

@@ -1,7 +1,9 @@
 """Laws as parts: names, keys, what a law may not return, and laws that lose the arm."""
 
 import copy
+import pickle
 import re
+import sys
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -11,10 +13,12 @@ import pytest
 import yaml
 
 from soro_core import load_robot, registered, robot_from_dict
+from soro_core.adaptation.kept import keep
 from soro_core.config import find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.laws import Law
-from soro_lab.scene import load_scene
+from soro_core.control.laws.registry import find_law
+from soro_lab.scene import check_learned, load_scene
 from tests.refused import refused
 
 ROOT = Path(__file__).parents[3]
@@ -114,20 +118,51 @@ def test_a_scene_finds_the_file_of_its_law_beside_itself(tmp_path, monkeypatch):
     assert load_scene("track_circle", {"controller.law": "my_law.py:Mine"}).controller.law == of_folder
 
 
+LEARNS = """
+from soro_core.control.laws.composite import Composite, CompositeOptions
+
+class Options(CompositeOptions):
+    own: float = 0.0
+
+class Mine(Composite):
+    Options = Options
+"""
+
+
+def test_learned_numbers_of_a_law_with_keys_of_its_own_are_checked(tmp_path):
+    changes = {"controller.law": written(tmp_path, LEARNS), "controller.law_options": {"own": 1.0}}
+    scene = load_scene("track_circle", changes)
+    model = scene.discretisation.discretise(scene.loaded_robot)
+    with refused("numbers.link0/area_slope", "none"):
+        check_learned(scene.with_learned(keep(model, {"no_such": 0.0}, {"no_such": 0.01})), "kept")
+
+
 @pytest.mark.parametrize(
     ("text", "names"),
     [
         (None, ("no file",)),
         ("class Mine(:\n", ("SyntaxError", "my_law.py, line 1")),
         ("a = 1\nb = a / 0\n", ("ZeroDivisionError", "my_law.py, line 2")),
+        ("import sys\nsys.exit(0)\n", ("SystemExit", "my_law.py, line 2")),
         ("Mine = 3\n", ("subclass of soro_core.control.laws.Law",)),
+        (FILE.replace("def step", "def stop"), ("subclass of soro_core.control.laws.Law",)),
+        (FILE + "\n    Options = dict\n", ("LawOptions",)),
     ],
-    ids=["no file", "syntax", "error", "number"],
+    ids=["no file", "syntax", "error", "exit", "number", "no step", "options"],
 )
 def test_a_file_that_is_no_law_is_one_line(tmp_path, text, names):
+    before = set(sys.modules)
     place = str(tmp_path / "my_law.py:Mine") if text is None else written(tmp_path, text)
     with refused("law", place, names=("adaptive", *names)):
         config(law=place)
+    if "line" in names[-1]:
+        assert not [name for name in set(sys.modules) - before if "law" in name]
+
+
+def test_a_state_of_the_class_of_a_file_can_be_pickled(tmp_path):
+    text = "from typing import NamedTuple\n\nclass Seen(NamedTuple):\n    ticks: int\n"
+    law = find_law(written(tmp_path, text + FILE.replace("return 0", "return Seen(0)")))
+    assert pickle.loads(pickle.dumps(law.initial_state(None))) == (0,)
 
 
 @pytest.mark.parametrize(
@@ -158,6 +193,29 @@ def test_a_law_that_fails_at_rest_is_refused_with_its_line(tmp_path, method, lin
     place = written(tmp_path, text)
     number = 1 + text.splitlines().index(f"        {line}")
     with refused("law", place, names=(found, f"(my_law.py, line {number})")):
+        Controller(ROBOT, config(law=place))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "found"),
+    [
+        (", {}\n", " * float('nan'), {}\n", "force is not finite"),
+        (", {}\n", " + 1e308, {}\n", "no finite pressures"),
+        (", {}\n", ", None\n", "NoneType"),
+        (", {}\n", ", [q]\n", "list"),
+        (", {}\n", ", {'a': 'text'}\n", "'a'"),
+        (", {}\n", ", {'a': q[:1]}\n", "'a'"),
+        (", {}\n", ", {'a': q * float('nan')}\n", "'a'"),
+        (", {}\n", ", {}\n    def estimates(self, state): return {'a': 'text'}\n", "'text'"),
+        (", {}\n", ", {}\n    def estimates(self, state): return 'text'\n", "str"),
+        (", {}\n", ", {}\n    def estimates(self, state): return {'a': 'b' if state else 0.0}\n", "'b'"),
+        (", {}\n", ", {}\n    def note(self, state): return 3\n", "note"),
+        (", {}\n", ", {}\n    def actuation(self, state, H, q): return 'text'\n", "Error"),
+    ],
+)
+def test_what_a_law_may_not_return_at_rest_is_refused(tmp_path, old, new, found):
+    place = written(tmp_path, FILE.replace(old, new))
+    with refused("law", place, names=(found,)):
         Controller(ROBOT, config(law=place))
 
 

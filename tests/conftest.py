@@ -118,7 +118,7 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 _COMPILES = "tests/soro_core/loop/test_closed_loop.py::test_the_main_job"
 _NODES = (_COMPILES, "tests/soro_core/twin/", "tests/soro_ros/")
 # Devices answer in real time too: another worker takes them all.
-_DEVICES = "tests/soro_hardware/"
+_DEVICES = ("tests/soro_hardware/", "tests/benchmarks/test_bench_hardware.py")
 # What of ROS keeps no time: any worker takes it, a file at a time, the long ones first, so that all end
 # together.
 _TIMELESS = tuple(
@@ -132,7 +132,7 @@ _TIMELESS = tuple(
 # those of the nodes are there, and what compiles the other variants of a step, which two would both compile.
 _ORDER = (
     *_NODES,
-    _DEVICES,
+    *_DEVICES,
     "tests/soro_lab/bag/",
     "tests/soro_core/safety/",
     "tests/soro_design/fem/",
@@ -184,7 +184,7 @@ _NICE = pytest.StashKey[bool]()
 
 def pytest_runtest_setup(item: pytest.Item) -> None:
     """Lower the priority of what computes beside nodes and devices, which keep time by the clock."""
-    keeps_time = item.nodeid.startswith((*_NODES, _DEVICES))
+    keeps_time = item.nodeid.startswith((*_NODES, *_DEVICES))
     if "PYTEST_XDIST_WORKER" in os.environ and not keeps_time and _NICE not in item.config.stash:
         item.config.stash[_NICE] = True
         os.nice(5)

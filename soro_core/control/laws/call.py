@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.control.laws.guard import LawError, is_from_outside
+from soro_core.control.laws.guard import LawError
 from soro_core.control.laws.protocol import ArmBelief, Law, Preview, Terms
 from soro_core.errors import SoroError
 
@@ -47,7 +47,7 @@ def call_law(
         raise LawError(name, f"its force has the shape {desired.shape}; allowed is {belief.q.shape}")
     if not np.isfinite(desired).all():
         raise LawError(name, "its force is not finite")
-    if is_from_outside(type(law)):
+    if law.is_from_outside:
         terms = _checked_terms(name, terms, belief.q.shape)
     return inner, desired, terms
 
@@ -97,7 +97,7 @@ def try_law(law: Law[Any], tick: Callable[[], tuple[object, Any]], q: Array) -> 
     LawError
         If the law fails in one of them, or the tick has no command.
     """
-    if not is_from_outside(type(law)):
+    if not law.is_from_outside:
         return
     state, rest = law.initial_state(), np.zeros_like(q)
     with contextlib.suppress(np.linalg.LinAlgError):

@@ -38,11 +38,6 @@ def refused() -> Iterator[None]:
         raise ConfigError("controller", "law", error.law, f"a law that runs: {error.text}") from error
 
 
-def is_from_outside(law: type[Any]) -> bool:
-    """Whether a class is no part of soro."""
-    return not law.__module__.startswith("soro_core.")
-
-
 def guard(law: type[Any], methods: frozenset[str]) -> None:
     """Make the methods of a class that have one of these names raise nothing but LawError and ConfigError."""
     for name in methods & vars(law).keys():

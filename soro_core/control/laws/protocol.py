@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from soro_core.arrays import Array
 from soro_core.config import Strict
-from soro_core.control.laws.guard import guard, is_from_outside
+from soro_core.control.laws.guard import guard
 
 if TYPE_CHECKING:  # a scene reads a law's keys without its model
     from soro_core.adaptation.learned import Learned
@@ -193,12 +193,15 @@ class Law(ABC, Generic[State]):
     observes_regulators: ClassVar[bool] = False
     # Factors on automatic K_p and K_d: of elongation and shear, of bending and torsion.
     feedback_factors: ClassVar[tuple[float, float]] = (1.0, 1.0)
+    # Whether it is no part of soro, and checked at each tick.
+    is_from_outside: ClassVar[bool] = False
 
     setting: Setting
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        if is_from_outside(cls):
+        cls.is_from_outside = not cls.__module__.startswith("soro_core.")
+        if cls.is_from_outside:
             guard(cls, METHODS)
 
     def __new__(cls, setting: Setting | None = None, options: LawOptions | None = None) -> Self:

@@ -4,6 +4,7 @@ import importlib
 import logging
 import multiprocessing
 import pickle
+import sys
 
 import numpy as np
 import pytest

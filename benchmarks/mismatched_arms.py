@@ -190,7 +190,7 @@ def is_refused(number: int) -> bool:
 
 
 def judged(number: int) -> Judged:
-    """Run one arm, and tell its true causes from others: without a true one, the run would be good."""
+    """Run one arm, and sort the causes that it names: a right one is what makes the run bad."""
     found, refused = measured(number), is_refused(number)
     text = "; ".join((found.verdict.reason, *found.verdict.notes))
     said = dict.fromkeys(_CHAMBER.findall(text))

@@ -12,7 +12,7 @@ guess = load_robot("tue_three_bellow")
 
 
 def swing(values):
-    """Places of the tip (n, 3) [m] after the arm is let go at 8 1/m, for these numbers."""
+    """Return the positions of the tip (n, 3) [m] of an arm that is released at a curvature of 8 1/m."""
     changes = {"links[0].k_b[0]": values["stiffness"], "tip_mass": values["load"]}
     return simulate(SoftArm(guess.with_(changes)), q0=[0.0, 8.0, 0.0], t_end=0.5, dt=5e-3).tip
 

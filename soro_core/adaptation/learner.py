@@ -175,7 +175,13 @@ class Learner:
         self._nothing = NonuniformForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
 
     def initial_state(self, start: Array | None = None) -> LearnerState:
-        """Return the prior; `start` (size,): with another mean than that of what was kept."""
+        """Return the prior.
+
+        Parameters
+        ----------
+        start : ndarray (size,), optional
+            Mean of the prior. Default: the numbers that an earlier run kept, or 0.
+        """
         start = self.start if start is None else start
         prior = self._prior(start, start[self.force.size :])
         return LearnerState(
@@ -194,6 +200,8 @@ class Learner:
         gain, deviation : ndarray (n_u,)
             Gains relative to the mean of their link, and their deviations.
         """
+        if not (np.isfinite(gain).all() and np.isfinite(deviation).all()):
+            return self.initial_state()
         start, link, size = self.start.copy(), self.chambers.link, self.force.size
         own = slice(size, size + link.size)
         away = np.abs(gain - start[own])

@@ -211,7 +211,7 @@ def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
     Returns
     -------
     terms, desired
-        As given where the law does not tell its feedback.
+        Unchanged if the terms lack one of `FEEDBACK`.
     """
     if any(np.shape(terms.get(name, ())) != desired.shape for name in FEEDBACK):
         return terms, desired

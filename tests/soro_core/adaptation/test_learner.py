@@ -239,3 +239,11 @@ def test_an_acceleration_is_no_missing_force():
     made = all_learned(learner, state, sample(*moves)) / learner.force.scales.force
     print(f"learned where nothing is missing: {np.abs(made).max():.3f} units of force")
     assert np.abs(made).max() < 0.05
+
+
+def test_gains_that_are_not_finite_start_nothing():
+    learner = Learner(ARM, config())
+    known = np.full(3, 0.01)
+    far, unknown = np.array([-0.4, 0.2, 0.2]), np.array([-0.4, np.nan, 0.2])
+    np.testing.assert_allclose(learner.state_with_gains(far, known).chambers[:3], far)
+    assert not learner.state_with_gains(unknown, known).chambers.any()

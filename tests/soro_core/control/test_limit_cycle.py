@@ -113,7 +113,7 @@ def test_lowered_feedback_is_that_of_the_terms():
     left, desired = lowered(terms, 7.0 * np.ones(N), 0.25)
     np.testing.assert_allclose(desired, 1.0 + 1.5)
     np.testing.assert_allclose(left["model"] + left["proportional"] + left["derivative"], desired)
-    assert lowered({"model": desired}, desired, 0.25)[1] is desired  # a law that does not tell its feedback
+    assert lowered({"model": desired}, desired, 0.25)[1] is desired  # terms without feedback
 
 
 @pytest.mark.parametrize("terms", [{}, dict.fromkeys(limit_cycle.FEEDBACK, 1.0)])

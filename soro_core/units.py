@@ -47,17 +47,36 @@ _KINDS: dict[str, tuple[str, dict[str, float]]] = {
 # Units of keys by the end of their names.
 _SUFFIXES = {
     **{unit.lower(): unit for unit in ("Pa", "kg", "m", "s", "us", "Hz", "rad", "deg", "N", "V", "m2", "m3")},
-    **{"m_s": "m/s", "m_s2": "m/s2", "rad_s": "rad/s", "pa_s": "Pa/s", "pa_v": "Pa/V", "n_m": "N/m"},
-    **{"n_m_rad": "Nm/rad", "kg_per_m3": "kg/m3", "m3_s_pa": "m3/(sPa)"},
-    **{"per_m": "1/m", "per_s": "1/s", "per_m_s": "1/(ms)", "per_pa": "1/Pa"},
+    "m_s": "m/s",
+    "m_s2": "m/s2",
+    "rad_s": "rad/s",
+    "pa_s": "Pa/s",
+    "pa_v": "Pa/V",
+    "n_m": "N/m",
+    "n_m_rad": "Nm/rad",
+    "kg_per_m3": "kg/m3",
+    "m3_s_pa": "m3/(sPa)",
+    "per_m": "1/m",
+    "per_s": "1/s",
+    "per_m_s": "1/(ms)",
+    "per_pa": "1/Pa",
 }
 # Units of keys whose names do not tell.
 _NAMES = {
-    **dict.fromkeys(("length", "radius", "base_position", "tracker_position", "wrench_places", "centre"), "m"),
+    **dict.fromkeys(
+        ("length", "radius", "base_position", "tracker_position", "wrench_places", "centre"), "m"
+    ),
     **dict.fromkeys(("mass", "tip_mass"), "kg"),
     **dict.fromkeys(("youngs_modulus", "shear_modulus"), "Pa"),
-    **{"gravity": "m/s2", "viscosity": "Pas", "viscosity_pa_s": "Pas", "tau": "s", "slip_velocity": "m/s"},
-    **{"Link.density": "kg/m3", "Injection.at": "s", "PointMass.place": "m", "Plane.point": "m"},
+    "gravity": "m/s2",
+    "viscosity": "Pas",
+    "viscosity_pa_s": "Pas",
+    "tau": "s",
+    "slip_velocity": "m/s",
+    "Link.density": "kg/m3",
+    "Injection.at": "s",
+    "PointMass.place": "m",
+    "Plane.point": "m",
 }
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*|)")
 
@@ -124,7 +143,11 @@ def _kind(unit: str) -> str:
 
 def _units(unit: str, alone: str) -> str:
     """Say which units are allowed, and the one of a number alone."""
-    return f"in {', '.join((unit, *_KINDS[unit][1]))}; a number alone is in {alone}" if unit else "without a unit"
+    return (
+        f"in {', '.join((unit, *_KINDS[unit][1]))}; a number alone is in {alone}"
+        if unit
+        else "without a unit"
+    )
 
 
 @dataclass(frozen=True)
@@ -174,6 +197,13 @@ class Quantity:
             raise ConfigError(where, key, text, allowed) from None
         return numbers
 
+    def number(self, text: str, where: str, key: str = "") -> float:
+        """Return the one number of a text; errors as of `read`."""
+        numbers = self.read(text, where, key)
+        if len(numbers) > 1:
+            raise ConfigError(where, key, text, f"one number, like {self.example}")
+        return numbers[0]
+
     @property
     def _bounds(self) -> str:
         low, high = (f"{x:g} {self.unit}".strip() for x in (self.lowest, self.highest))
@@ -205,12 +235,9 @@ def unit_option(
     quantity = Quantity(unit, lowest, highest, example)
 
     def read(text: str | float) -> float:
-        if not isinstance(text, str):  # the default
-            return text
-        numbers = quantity.read(text, flag)
-        if len(numbers) > 1:
-            raise ConfigError(flag, "", text, f"one number, like {example}")
-        return numbers[0]
+        return (
+            quantity.number(text, "command line", flag) if isinstance(text, str) else text
+        )  # a number: the default
 
     read.__name__ = _KINDS[unit][0]  # which the help shows
     return typer.Option(flag, parser=read, **{"show_default": example, **rest})

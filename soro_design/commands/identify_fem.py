@@ -7,11 +7,17 @@ from typing import Annotated
 
 import typer
 
+from soro_core.completion import names_of
 from soro_core.errors import ConfigError
 
 
 def identify_fem(
-    part: Annotated[str, typer.Argument(help="Part file of a rod, or the name of a shipped one.")],
+    part: Annotated[
+        str,
+        typer.Argument(
+            help="Part file of a rod, or the name of a shipped one.", autocompletion=names_of("parts")
+        ),
+    ],
     out: Annotated[Path, typer.Option(help="Robot file to write (YAML).", show_default=False)],
     run: Annotated[
         Path | None,

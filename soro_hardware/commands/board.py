@@ -6,10 +6,16 @@ from typing import Annotated
 
 import typer
 
+from soro_core.completion import names_of
+
 
 def board(
     config: Annotated[
-        str, typer.Argument(help="Name of a shipped platform of family soro_board, or path of its file.")
+        str,
+        typer.Argument(
+            help="Name of a shipped platform of family soro_board, or path of its file.",
+            autocompletion=names_of("platforms"),
+        ),
     ],
     listen: Annotated[
         str, typer.Option(help="HOST or HOST:PORT to listen on; every interface and the platform's port.")

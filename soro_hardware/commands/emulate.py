@@ -8,16 +8,29 @@ from typing import Annotated
 
 import typer
 
+from soro_core.completion import names_of
+from soro_core.units import unit_option
+
 
 def emulate(
-    platform: Annotated[str, typer.Argument(help="Name of a shipped platform, or path of a platform file.")],
+    platform: Annotated[
+        str,
+        typer.Argument(
+            help="Name of a shipped platform, or path of a platform file.",
+            autocompletion=names_of("platforms"),
+        ),
+    ],
     lockstep: Annotated[
         bool,
         typer.Option("--lockstep", help="Advance by one cycle period with each exchange, not by the clock."),
     ] = False,
-    cycle_hz: Annotated[
+    rate: Annotated[
         float | None,
-        typer.Option(help="Rate of exchanges, where it is not the platform's: that of the regulator node."),
+        unit_option(
+            "--rate",
+            "Hz",
+            help="Rate of exchanges, where it is not the platform's: that of the regulator node.",
+        ),
     ] = None,
     device_link: Annotated[
         Path | None,
@@ -69,7 +82,7 @@ def emulate(
         if failure:
             typer.echo(f"soro emulate: no real-time priority ({failure}): see docs/real_time.md", err=True)
         serve(
-            described if cycle_hz is None else described.at_rate(cycle_hz),
+            described if rate is None else described.at_rate(rate),
             clock=time.monotonic_ns,
             announce=lambda path: typer.echo(f"ready: {path}"),
             lockstep=lockstep,

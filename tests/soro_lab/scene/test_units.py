@@ -36,7 +36,12 @@ def at(thing, path):
         ("controller.pressures.rise_pa_s", "150kPa/s", "controller.pressures.rise_pa_s", 150e3),
         ("controller.motion.speed_m_s", "40mm/s", "controller.motion.speed_m_s", 0.04),
         ("model", {"auto": True, "budget_us": "0.5ms"}, "model.budget_us", 500.0),
-        ("twin.payload_changes", {"at_s": ["500ms"], "payload_kg": ["5g"]}, "twin.payload_changes.at_s.0", 0.5),
+        (
+            "twin.payload_changes",
+            {"at_s": ["500ms"], "payload_kg": ["5g"]},
+            "twin.payload_changes.at_s.0",
+            0.5,
+        ),
         ("faults", [{"fault": "delay", "delay_s": "20ms", "at": "1.5s"}], "faults.0.value", 0.02),
     ],
 )
@@ -60,7 +65,9 @@ def test_a_wrong_unit_is_refused_with_the_allowed_ones(key, text, units):
         load_scene("track_circle", {key: text})
 
 
-@pytest.mark.parametrize(("key", "text"), [("seed", "3s"), ("name", "5kg arm"), ("twin.stiffness_scale", "2m")])
+@pytest.mark.parametrize(
+    ("key", "text"), [("seed", "3s"), ("name", "5kg arm"), ("twin.stiffness_scale", "2m")]
+)
 def test_a_key_without_a_unit_takes_none(key, text):
     with refused(key, text):
         load_scene("track_circle", {key: text})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
@@ -13,8 +13,8 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchem
 from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
 from soro_core.errors import ConfigError, nearest
+from soro_core.files.units import as_number, unit_of
 from soro_core.files.yaml_text import LONGEST, read_value
-from soro_core.units import as_number, unit_of
 
 
 class Strict(BaseModel):
@@ -269,6 +269,22 @@ def find_config(name: str | Path, kind: str) -> Path:
     raise ConfigError(
         str(name), "", f"no {kind} file of that name", f"a path ending in .yaml, or one of {known}{near}"
     )
+
+
+def names_of(*kinds: str) -> Callable[[str], list[str]]:
+    """Return the function that completes names of shipped files in a shell.
+
+    Parameters
+    ----------
+    *kinds : str
+        Folders in ``config/``: robots, platforms, scenes.
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        found = (file.stem for kind in kinds for file in (config_folder() / kind).glob("*.yaml"))
+        return sorted(name for name in found if name.startswith(incomplete))
+
+    return complete
 
 
 def _shipped(path: Path) -> str:

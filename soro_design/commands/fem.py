@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.completion import names_of
+from soro_core.config import names_of
 from soro_core.errors import ConfigError
 
 if TYPE_CHECKING:

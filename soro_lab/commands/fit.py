@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from soro_core.units import unit_option
+from soro_core.files.units import unit_option
 from soro_lab.commands.identify_air import SUPPLY, VOLUME
 
 app = typer.Typer(no_args_is_help=True)

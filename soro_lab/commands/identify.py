@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from soro_core.errors import BagError, ConfigError
-from soro_core.units import unit_option
+from soro_core.files.units import unit_option
 from soro_lab.commands.identify_air import SUPPLY, VOLUME, AirStage, sources
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from soro_core.errors import ConfigError
-from soro_core.units import unit_option
+from soro_core.files.units import unit_option
 
 if TYPE_CHECKING:
     from rich.console import Console

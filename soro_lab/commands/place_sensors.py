@@ -9,9 +9,9 @@ from typing import Annotated
 
 import typer
 
-from soro_core.completion import names_of
+from soro_core.config import names_of
 from soro_core.errors import ConfigError
-from soro_core.units import Quantity, unit_of, unit_option
+from soro_core.files.units import Quantity, unit_of, unit_option
 from soro_lab.scene.options import Change, given_keys
 
 _WHERE = "soro place-sensors"

@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from soro_core.completion import names_of
+from soro_core.config import names_of
 from soro_core.errors import ConfigError
-from soro_core.units import unit_option
+from soro_core.files.units import unit_option
 
 # Width of the tables, at least.
 _WIDTH = 120

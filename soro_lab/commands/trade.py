@@ -10,8 +10,8 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from soro_core.completion import names_of
-from soro_core.units import unit_option
+from soro_core.config import names_of
+from soro_core.files.units import unit_option
 from soro_hardware import signals
 
 if TYPE_CHECKING:
@@ -58,9 +58,9 @@ def trade(
         unit_option(
             "--seconds",
             "s",
-            0.0,
+            0.1,
             600.0,
-            help="Simulated time, from 0.1 s; default: 4 s of a scene, 1 s of a robot.",
+            help="Simulated time; default: 4 s of a scene, 1 s of a robot.",
         ),
     ] = None,
     jobs: Annotated[
@@ -92,8 +92,6 @@ def trade(
 
     if preset not in PRESETS:
         raise typer.BadParameter(f"{preset}: allowed are {', '.join(PRESETS)}", param_hint="--preset")
-    if seconds and seconds < 0.1:
-        raise typer.BadParameter(f"{seconds:g}: allowed are 0.1 to 600 s", param_hint="--seconds")
     if dask and jobs > 1:
         raise typer.BadParameter("either --jobs or --dask", param_hint="--jobs")
     console = Console(stderr=True)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from soro_core.errors import ConfigError
-from soro_core.units import Quantity
+from soro_core.files.units import Quantity
 from soro_lab.scaffold import quantity
 
 Value = TypeVar("Value")

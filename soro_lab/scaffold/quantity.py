@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from soro_core.units import Quantity
+from soro_core.files.units import Quantity
 
 # Of numbers that no estimate gives.
 GUESS = "guess: soro identify finds it"

@@ -7,8 +7,7 @@ from typing import Annotated, Any, TypeAlias
 
 import typer
 
-from soro_core.completion import names_of
-from soro_core.config import Strict, section_of
+from soro_core.config import Strict, names_of, section_of
 from soro_core.errors import ConfigError
 from soro_core.files.yaml_text import read_value
 

@@ -10,9 +10,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from soro_core.completion import run_folders
 from soro_core.errors import BagError, ConfigError, SoroError
-from soro_lab.run_folder import bag_of
+from soro_lab.run_folder import bag_of, run_folders
 
 if TYPE_CHECKING:
     from soro_lab.bag import BagReader, PartRepair, Qos

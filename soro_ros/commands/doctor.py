@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.completion import names_of
-from soro_core.units import unit_option
+from soro_core.config import names_of
+from soro_core.files.units import unit_option
 
 if TYPE_CHECKING:
     from soro_hardware.finding import Finding

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
 from soro_core.errors import ConfigError, SoroError
-from soro_core.units import Quantity, unit_option
+from soro_core.files.units import Quantity, unit_option
 from soro_hardware import signals
 from soro_lab.scene import Scene, check_plant
 from soro_lab.scene.options import Change, Device, Folder, SceneName, Valves, changes_of

@@ -8,7 +8,7 @@ from typing import Annotated, TypeAlias
 import typer
 
 from soro_core.errors import ConfigError
-from soro_core.units import unit_option
+from soro_core.files.units import unit_option
 from soro_lab.run_folder import bag_and_scene
 from soro_lab.scene import load_scene
 

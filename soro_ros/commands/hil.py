@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.completion import names_of
-from soro_core.units import Quantity, unit_option
+from soro_core.config import names_of
+from soro_core.files.units import Quantity, unit_option
 from soro_hardware import signals
 from soro_hardware.timing import punctual
 from soro_lab.run_folder import new_folder

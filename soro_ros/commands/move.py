@@ -12,7 +12,7 @@ import typer
 from soro_core.arrays import Array
 from soro_core.control.motions.tip_path import arc, corners
 from soro_core.errors import ConfigError
-from soro_core.units import Quantity, unit_option
+from soro_core.files.units import Quantity, unit_option
 from soro_ros.commands.services import COMMANDS, one_node, service_caller
 
 # Numbers below zero are no options.

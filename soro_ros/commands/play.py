@@ -8,9 +8,9 @@ from typing import Annotated, Any
 
 import typer
 
-from soro_core.completion import run_folders
 from soro_core.errors import BagError, ConfigError
-from soro_core.units import unit_option
+from soro_core.files.units import unit_option
+from soro_lab.run_folder import run_folders
 
 
 def play(

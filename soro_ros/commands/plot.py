@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, TypeAlias
 
 import typer
 
-from soro_core.completion import run_folders
 from soro_core.errors import BagError, ConfigError, SoroError
-from soro_core.units import unit_option
+from soro_core.files.units import unit_option
+from soro_lab.run_folder import run_folders
 from soro_ros.commands.film import Rate, Width
 from soro_ros.commands.film import film as write_film
 

@@ -9,9 +9,8 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from soro_core.completion import run_folders
 from soro_core.errors import BagError, ConfigError
-from soro_lab.run_folder import bag_and_scene
+from soro_lab.run_folder import bag_and_scene, run_folders
 from soro_lab.scene import load_scene
 from soro_lab.scene.options import given_keys
 

@@ -13,9 +13,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from soro_core.adaptation.kept import kept_file, load_kept
-from soro_core.completion import run_folders
 from soro_core.errors import ConfigError, SoroError
 from soro_hardware import signals
+from soro_lab.run_folder import run_folders
 from soro_lab.scene import Scene, check_gains, check_learned, check_scene
 from soro_lab.scene.options import Arm, Change, Device, Folder, SceneName, Valves, changes_of
 from soro_ros.run.end import End

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from soro_core.errors import ConfigError, SoroError
-from soro_core.units import unit_option
+from soro_core.files.units import unit_option
 from soro_hardware import signals
 
 if TYPE_CHECKING:

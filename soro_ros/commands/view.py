@@ -8,10 +8,11 @@ from typing import Annotated
 
 import typer
 
-from soro_core.completion import names_of, run_folders
+from soro_core.config import names_of
 from soro_core.errors import BagError, ConfigError
 from soro_core.extras import require
-from soro_core.units import unit_option
+from soro_core.files.units import unit_option
+from soro_lab.run_folder import run_folders
 
 PORT = 8080
 

@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from soro_core.config import Strict, parse, read_mapping
 from soro_core.errors import ConfigError
-from soro_core.units import as_number, unit_of
+from soro_core.files.units import as_number, unit_of
 
 Group: TypeAlias = Literal["bus", "stop", "device", "pneumatic", "sensor"]
 

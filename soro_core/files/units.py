@@ -193,7 +193,7 @@ class Quantity:
                 raise ValueError(text)
         except ValueError:
             alone = self.alone or self.unit
-            allowed = f"{_kind(self.unit)}{self._bounds}, like {self.example}, {_units(self.unit, alone)}"
+            allowed = f"{_kind(self.unit)}{self._bounds}{self._like}, {_units(self.unit, alone)}"
             raise ConfigError(where, key, text, allowed) from None
         return numbers
 
@@ -201,8 +201,12 @@ class Quantity:
         """Return the one number of a text; errors as of `read`."""
         numbers = self.read(text, where, key)
         if len(numbers) > 1:
-            raise ConfigError(where, key, text, f"one number, like {self.example}")
+            raise ConfigError(where, key, text, f"one number{self._like}")
         return numbers[0]
+
+    @property
+    def _like(self) -> str:
+        return f", like {self.example}" if self.example else ""
 
     @property
     def _bounds(self) -> str:

@@ -136,7 +136,7 @@ def modulus_for_weight(
 
 
 def modulus_for_hanging(sections: Sequence[Section], masses: Sequence[float]) -> float:
-    """Return the modulus [Pa] with which the weight of a hanging arm stretches its links by `STRETCH` at most.
+    """Return the modulus [Pa] with which its weight stretches a hanging arm by `STRETCH` at most.
 
     Weight straightens such an arm: it has to carry it in no other direction.
 

@@ -287,6 +287,13 @@ def names_of(*kinds: str) -> Callable[[str], list[str]]:
     return complete
 
 
+def name_argument(text: str, *kinds: str) -> Any:
+    """Return an argument of a command that is a file or the name of a shipped one of some kinds."""
+    import typer
+
+    return typer.Argument(help=text, autocompletion=names_of(*kinds))
+
+
 def _shipped(path: Path) -> str:
     """Say by which name a file of this folder and name comes with soro; "" where none does."""
     is_shipped = (config_folder() / path.parent.name / path.name).is_file()

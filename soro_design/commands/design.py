@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.config import names_of
+from soro_core.config import name_argument
 from soro_core.errors import ConfigError, ModelError
 from soro_core.files.units import unit_option
 
@@ -22,12 +22,7 @@ Folder = Annotated[Path, typer.Argument(help="Folder of a run.", exists=True, fi
 
 @app.command()
 def run(
-    task: Annotated[
-        str,
-        typer.Argument(
-            help="Task file, or the name of a shipped one (config/design).", autocompletion=names_of("design")
-        ),
-    ],
+    task: Annotated[str, name_argument("Task file, or the name of a shipped one (config/design).", "design")],
     out: Annotated[
         Path | None, typer.Option(help="Folder of the run; default TASK_design.", show_default=False)
     ] = None,

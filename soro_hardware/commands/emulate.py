@@ -8,29 +8,19 @@ from typing import Annotated
 
 import typer
 
-from soro_core.config import names_of
+from soro_core.config import name_argument
 from soro_core.files.units import unit_option
 
 
 def emulate(
-    platform: Annotated[
-        str,
-        typer.Argument(
-            help="Name of a shipped platform, or path of a platform file.",
-            autocompletion=names_of("platforms"),
-        ),
-    ],
+    platform: Annotated[str, name_argument("Platform file, or the name of a shipped one.", "platforms")],
     lockstep: Annotated[
         bool,
         typer.Option("--lockstep", help="Advance by one cycle period with each exchange, not by the clock."),
     ] = False,
     rate: Annotated[
         float | None,
-        unit_option(
-            "--rate",
-            "Hz",
-            help="Rate of exchanges, where it is not the platform's: that of the regulator node.",
-        ),
+        unit_option("--rate", "Hz", help="Of exchanges, as the regulator node's; default: the platform's."),
     ] = None,
     device_link: Annotated[
         Path | None,

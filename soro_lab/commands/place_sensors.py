@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from soro_core.config import names_of
+from soro_core.config import name_argument
 from soro_core.errors import ConfigError
 from soro_core.files.units import Quantity, unit_of, unit_option
 from soro_lab.scene.options import Change, given_keys
@@ -21,10 +21,7 @@ _WIDTH = 120
 
 
 def place_sensors(
-    robot: Annotated[
-        str,
-        typer.Argument(help="Robot file, or the name of a shipped one.", autocompletion=names_of("robots")),
-    ],
+    robot: Annotated[str, name_argument("Robot file, or the name of a shipped one.", "robots")],
     scene: Annotated[
         str | None,
         typer.Option(

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from soro_core.config import names_of
+from soro_core.config import name_argument
 from soro_core.errors import ConfigError
 from soro_core.files.units import unit_option
 
@@ -17,10 +17,7 @@ _WIDTH = 120
 
 
 def reach(
-    robot: Annotated[
-        str,
-        typer.Argument(help="Robot file, or the name of a shipped one.", autocompletion=names_of("robots")),
-    ],
+    robot: Annotated[str, name_argument("Robot file, or the name of a shipped one.", "robots")],
     load: Annotated[
         float, unit_option("--load", "kg", 0.0, 1e3, "0g", help="At the tip, beside the robot's tip mass.")
     ] = 0.0,

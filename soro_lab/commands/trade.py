@@ -10,7 +10,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from soro_core.config import names_of
+from soro_core.config import name_argument
 from soro_core.files.units import unit_option
 from soro_hardware import signals
 
@@ -22,13 +22,7 @@ WIDTH = 160
 
 
 def trade(
-    scene: Annotated[
-        str,
-        typer.Argument(
-            help="Scene or robot: a file, or the name of a shipped one.",
-            autocompletion=names_of("scenes", "robots"),
-        ),
-    ],
+    scene: Annotated[str, name_argument("Scene or robot: a file or a shipped name.", "scenes", "robots")],
     error: Annotated[
         str,
         typer.Option(
@@ -38,30 +32,16 @@ def trade(
     ] = "",
     budget: Annotated[
         float | None,
-        unit_option(
-            "--budget",
-            "s",
-            help="Requirement: model of the least tip error whose longest tick takes at most this time.",
-        ),
+        unit_option("--budget", "s", help="Requirement: longest tick of the most accurate model."),
     ] = None,
     rate: Annotated[
         float | None,
-        unit_option(
-            "--rate",
-            "Hz",
-            help="Requirement: model of the least tip error whose longest tick fits into this rate.",
-        ),
+        unit_option("--rate", "Hz", help="Requirement: the same, by the rate that ticks must fit into."),
     ] = None,
     preset: Annotated[str, typer.Option(help="How many combinations: quick, standard or full.")] = "standard",
     seconds: Annotated[
         float | None,
-        unit_option(
-            "--seconds",
-            "s",
-            0.1,
-            600.0,
-            help="Simulated time; default: 4 s of a scene, 1 s of a robot.",
-        ),
+        unit_option("--seconds", "s", 0.1, 600.0, help="Simulated; default: 4 s of a scene, 1 s of a robot."),
     ] = None,
     jobs: Annotated[
         int, typer.Option(min=1, help="Processes that compute errors; times are taken alone.")

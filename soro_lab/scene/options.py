@@ -7,12 +7,12 @@ from typing import Annotated, Any, TypeAlias
 
 import typer
 
-from soro_core.config import Strict, names_of, section_of
+from soro_core.config import Strict, name_argument, section_of
 from soro_core.errors import ConfigError
 from soro_core.files.yaml_text import read_value
 
 SCENE_HELP = "Scene file, or the name of a shipped one."
-SceneName: TypeAlias = Annotated[str, typer.Argument(help=SCENE_HELP, autocompletion=names_of("scenes"))]
+SceneName: TypeAlias = Annotated[str, name_argument(SCENE_HELP, "scenes")]
 
 
 def complete_key(incomplete: str) -> list[str]:

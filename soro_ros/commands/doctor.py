@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.config import names_of
+from soro_core.config import name_argument
 from soro_core.files.units import unit_option
 
 if TYPE_CHECKING:
@@ -18,13 +18,7 @@ if TYPE_CHECKING:
 
 
 def doctor(
-    platform: Annotated[
-        str,
-        typer.Argument(
-            help="Name of a shipped platform, or path of a platform file.",
-            autocompletion=names_of("platforms"),
-        ),
-    ],
+    platform: Annotated[str, name_argument("Platform file, or the name of a shipped one.", "platforms")],
     device: Annotated[
         str | None,
         typer.Option(help="Path or address in place of the platform's, as that of `soro emulate`."),

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.config import names_of
+from soro_core.config import name_argument
 from soro_core.files.units import Quantity, unit_option
 from soro_hardware import signals
 from soro_hardware.timing import punctual
@@ -30,9 +30,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 
-_PLATFORM = typer.Argument(
-    help="Name of a shipped platform, or path of a platform file.", autocompletion=names_of("platforms")
-)
+_PLATFORM = name_argument("Platform file, or the name of a shipped one.", "platforms")
 _DEVICE = typer.Option(help="Path or address in place of the platform's, as that of `soro emulate`.")
 _LOCKSTEP = typer.Option("--lockstep", help="As fast as it goes, with `soro emulate --lockstep` only.")
 _FOLDER = typer.Option(help="Where the folder of the report is made.")

@@ -60,25 +60,11 @@ def move(
     ] = False,
     speed: Annotated[
         float | None,
-        unit_option(
-            "--speed",
-            "m/s",
-            1e-6,
-            example="40mm/s",
-            show_default=False,
-            help="Fastest speed; stays for later motions. Default: as the controller has it.",
-        ),
+        unit_option("--speed", "m/s", 1e-6, help="Fastest, also later. Default: as the controller has it."),
     ] = None,
     acceleration: Annotated[
         float | None,
-        unit_option(
-            "--acceleration",
-            "m/s2",
-            1e-6,
-            example="100mm/s2",
-            show_default=False,
-            help="Largest acceleration; stays for later motions too.",
-        ),
+        unit_option("--acceleration", "m/s2", 1e-6, help="Largest, also of later motions."),
     ] = None,
     node: Annotated[
         str, typer.Option(help="Controller, by its full name or its end; default: the only one.")

@@ -48,7 +48,7 @@ class RecorderConfig(StartKeys):
 class PlayerConfig(StartKeys):
     """Parameters of the player."""
 
-    bag: str = Field("", description="folder of the bag, or an .mcap file")
+    bag: str = Field("", description="folder of a run or of a bag, or an .mcap file")
     rate: float = Field(
         1.0,
         ge=0.0,

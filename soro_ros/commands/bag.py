@@ -11,7 +11,6 @@ from rich.console import Console
 from rich.table import Table
 
 from soro_core.errors import BagError, ConfigError, SoroError
-from soro_lab.run_folder import bag_of
 
 if TYPE_CHECKING:
     from soro_lab.bag import BagReader, PartRepair, Qos
@@ -36,7 +35,7 @@ def info(bag: Bag, full: Annotated[bool, typer.Option(help="Show the type hashes
 
     console = Console(markup=False)  # names in a bag may look like markup
     try:
-        with BagReader(bag_of(bag)) as reader:
+        with BagReader(bag) as reader:
             _print_info(console, reader, full)
     except BagError as error:
         _fail(error)
@@ -53,7 +52,7 @@ def repair_command(bag: Bag) -> None:
 
     console = Console(markup=False)
     try:
-        parts = repair(bag_of(bag))
+        parts = repair(bag)
     except BagError as error:
         _fail(error)
     for part in parts:
@@ -97,9 +96,7 @@ def convert(
             count = tables.to_bag(source, target, lambda line: typer.echo(line, err=True))
             typer.echo(f"{target}: {count} messages")
             return
-        rows = tables.to_tables(
-            bag_of(source), target, form, topic or [], lambda line: typer.echo(line, err=True)
-        )
+        rows = tables.to_tables(source, target, form, topic or [], lambda line: typer.echo(line, err=True))
     except (BagError, ConfigError) as error:
         _fail(error)
     for file, count in rows.items():

@@ -15,7 +15,7 @@ def play(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Folder of a bag (rosbag2), or a single .mcap or .db3 file.",
+            help="Folder of a bag (rosbag2) or of a run, or a single .mcap or .db3 file.",
             exists=True,
             show_default=False,
         ),

@@ -12,18 +12,22 @@ from soro_core.arrays import Array
 from soro_lab.scene import Scene
 from soro_ros.recordings.events import Event
 from soro_ros.recordings.recording import RunRecording, TopicSeries
-from soro_ros.recordings.report import WINDOW_S, tip_error, within
+from soro_ros.recordings.report import USUAL, WINDOW_S, tip_error, within
 from soro_ros.view.arm_shape import COLOURS
 
 # Estimates of a law that belong to the matrix W of a learned force.
 _WEIGHTS = ("/offset", "/by ")
 # Lines in a panel that a legend names.
 MOST_NAMES = 12
-# Times that samples are usually apart.
-_GAP = 20.0
 # Labels this close, as a part of the width, would lie over one another.
 _CLOSE = 0.04
-_EVENT_COLOURS = {"trip": "#b3392f", "injected": "#7b5ea7", "warning": "#e08e2b", "over": "#4f8a4c"}
+_EVENT_COLOURS = {
+    "trip": "#b3392f",
+    "vent": "#3d6c94",
+    "injected": "#7b5ea7",
+    "warning": "#e08e2b",
+    "over": "#4f8a4c",
+}
 
 
 @dataclass(frozen=True)
@@ -70,7 +74,7 @@ def broken(series: TopicSeries) -> TopicSeries:
     if series.t.size < 3:
         return series
     apart = np.diff(series.t)
-    gaps = np.flatnonzero(apart > _GAP * np.median(apart)) + 1
+    gaps = np.flatnonzero(apart > USUAL * np.median(apart)) + 1
     between = 0.5 * (series.t[gaps - 1] + series.t[gaps])
     value = np.insert(series.value, gaps, np.nan, axis=0)
     return TopicSeries(np.insert(series.t, gaps, between), value, series.names)

@@ -6,11 +6,14 @@ import time
 
 import numpy as np
 import pytest
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 
 from soro_core.config import with_changes
 from soro_lab.bag import BagReader
 from soro_lab.identification.recording import Place, read_bag
 from soro_lab.scene import load_scene
+from soro_ros.conversion import messages
 from soro_ros.host.middleware import DELIVERY_S
 from soro_ros.recordings.recording import read
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
@@ -62,6 +65,27 @@ def test_the_controller_tracks_the_circle_on_emulated_valves(main_job, figure):
     assert last_m <= 0.5 * off_m
     assert last_m < first_m < off_m
     assert on["estimator_error_last_rms_m"] <= 1.0e-3
+
+
+@pytest.mark.process
+def test_a_run_in_lockstep_is_recorded_in_its_own_time_until_the_arm_is_empty(main_job):
+    """Not in that of the machine; the chambers are empty for a second at the end, and nothing is an event."""
+    with BagReader(main_job) as reader:
+        begin_s, end_s = 1e-9 * reader.start_ns, 1e-9 * reader.end_ns
+        late_ns = [
+            message.log_time_ns - messages.to_ns(deserialize_message(message.data, JointState).header.stamp)
+            for message in reader.messages(["/track_circle/chambers/state"])
+        ]
+    assert begin_s == 0.0
+    assert 12.0 < end_s < 14.5
+    assert np.max(np.abs(late_ns)) <= 20_000_000  # ticks of 5 ms that are on their way
+    recording = read(main_job, "track_circle")
+    empty = np.all(np.abs(recording.reading.value) < 5e3, axis=1)
+    pressed_s = recording.reading.t[~empty][-1]
+    assert pressed_s > 10.9
+    assert 0.99 <= recording.reading.t[-1] - pressed_s <= 1.05
+    assert recording.wanted_tip.t[-1] == pytest.approx(10.995)
+    assert recording.events == ()
 
 
 SHORT = (

@@ -51,8 +51,10 @@ def test_a_command_takes_a_run(soro, domain, run, tmp_path, arguments):
     (empty / "scene.yaml").write_text((run / "scene_used.yaml").read_text())
     refused = soro(*words, str(empty), *more)
     assert refused.status == 2, refused
-    assert refused.err.strip().splitlines()[-1].endswith(
-        "not a bag: neither a folder bag nor a .mcap or .db3 file in it"
+    assert (
+        refused.err.strip()
+        .splitlines()[-1]
+        .endswith("not a bag: neither a folder bag nor a .mcap or .db3 file in it")
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated
 
@@ -22,7 +23,8 @@ def film(
     ] = None,
     start: Annotated[float, typer.Option(min=0.0, metavar="SECONDS", help="First time that is shown.")] = 0.0,
     end: Annotated[
-        float | None, typer.Option(min=0.0, metavar="SECONDS", help="Last time; default: end of the run.")
+        float | None,
+        typer.Option(min=0.0, metavar="SECONDS", help="Last time; default: where the arm rests."),
     ] = None,
     rate: Annotated[float, typer.Option(min=1.0, max=50.0, metavar="HZ", help="Pictures a second.")] = 10.0,
     width: Annotated[int, typer.Option(min=200, max=4000, metavar="PIXELS", help="Width of the film.")] = 800,
@@ -38,7 +40,7 @@ def film(
         raise ConfigError("soro film", "--out", str(file), "a name that ends with .gif or .png")
     bag, scene_file = bag_and_scene(run)
     scene = load_scene(str(scene_file))
-    shown = drawing.take(bag, scene, start, scene.duration_s if end is None else end, rate)
+    shown = drawing.take(bag, scene, start, math.inf if end is None else end, rate)
     write = drawing.still if file.suffix == ".png" else drawing.write
     write(shown, file, width)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.2f} MB")

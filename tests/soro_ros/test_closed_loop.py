@@ -157,11 +157,11 @@ def test_a_repeated_lockstep_run_is_the_same_to_the_bit(domain, tmp_path, reques
     first, second = (payloads(folder / "bag", without=without) for folder in (first, second))
     assert first.keys() == second.keys()
     assert len(second[f"/{scene}/truth/tip"]) == TICKS
-    for topic, messages in second.items():
+    for topic, bodies in second.items():
         # From the first message on; how much of the last tick is heard is a matter of who ends first.
-        ticks = min(len(messages), len(first[topic]))
-        assert ticks >= len(messages) - 2, topic
-        assert messages[:ticks] == first[topic][:ticks], topic
+        ticks = min(len(bodies), len(first[topic]))
+        assert ticks >= len(bodies) - 2, topic
+        assert bodies[:ticks] == first[topic][:ticks], topic
     assert len(set(second[f"/{scene}/sensors/pose0"])) > 100
     assert valves or len(set(second[f"/{scene}/sensors/pose1"])) > 100
 

@@ -234,7 +234,7 @@ def part_files(path: Path, metadata: Metadata | None) -> list[Path]:
         if found:
             break
     else:
-        raise BagError("not a bag: neither a folder bag nor a .mcap or .db3 file in it", path, "missing")
+        raise BagError("not a bag: no .mcap or .db3 file in it, and no folder bag", path, "missing")
     return sorted(found, key=_natural)
 
 

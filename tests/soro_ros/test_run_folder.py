@@ -54,7 +54,7 @@ def test_a_command_takes_a_run(soro, domain, run, tmp_path, arguments):
     assert (
         refused.err.strip()
         .splitlines()[-1]
-        .endswith("not a bag: neither a folder bag nor a .mcap or .db3 file in it")
+        .endswith("not a bag: no .mcap or .db3 file in it, and no folder bag")
     )
 
 

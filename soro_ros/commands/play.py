@@ -8,8 +8,6 @@ from typing import Annotated, Any
 
 import typer
 
-from soro_core.errors import BagError, ConfigError
-
 
 def play(
     bag: Annotated[
@@ -88,13 +86,9 @@ def play(
         "keyboard": True,
         "end_on_failed_start": True,
     }
-    try:
-        config = parse(options, PlayerConfig, where="soro play")
-        with BagReader(bag) as reader:
-            reader.check_encodings()
-    except (ConfigError, BagError) as error:
-        typer.echo(f"soro: {error}", err=True)
-        raise typer.Exit(2) from None
+    config = parse(options, PlayerConfig, where="soro play")
+    with BagReader(bag) as reader:
+        reader.check_encodings()
     arguments = ["--ros-args"]
     for name, value in overrides(config).items():
         # JSON is YAML with unmistakable quotes.

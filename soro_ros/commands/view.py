@@ -53,11 +53,7 @@ def view(
     if bag is None:
         _live(robot, namespace, {"port": port, "rate_hz": rate, "trail_s": trail})
     else:
-        try:
-            _recorded(bag, robot, namespace, port, rate, trail)
-        except BagError as error:
-            typer.echo(f"soro: {error}", err=True)
-            raise typer.Exit(2) from None
+        _recorded(bag, robot, namespace, port, rate, trail)
 
 
 def _live(robot: str, namespace: str, options: dict[str, int | float]) -> None:

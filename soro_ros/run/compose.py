@@ -55,8 +55,8 @@ END_ORDER = (
     "recorder",
     "valves",
 )
-# Longest wait for a controller that is asked to command zero before the valves are vented [s].
-ZERO_LIMIT_S = 0.5
+# Longest wait for a controller to command zero, at the end and after Ctrl-C; then the valves are vented [s].
+ZERO_LIMIT_S, URGENT_S = 2.0, 0.5
 # A run that hangs may be longer than its scene by this time, in which control begins [s].
 _BEGIN_S, _END_S = 30.0, 2.0
 
@@ -287,30 +287,26 @@ class Run:
             Whether an error has ended the run, such as a trip.
         """
         scene, interrupts = self.scene, len(self._interrupted)
-        is_over = self._loop.empties and not interrupts
-        if not (self.has_started and scene.recorder.enabled) or (
-            not supervisor.error(self._driver) if has_failed else is_over
-        ):
+        skips = not supervisor.error(self._driver) if has_failed else self._loop.empties and not interrupts
+        if skips or not (self.has_started and scene.recorder.enabled):
             return
         limit_s = scene.limits.vent_limit_s + REST_S
         if self._pulse is not None:
             self._pulse.renew(limit_s + _END_S)
-        # In lockstep the controller has ended its commands itself, at the last tick under control.
-        if not has_failed and (scene.mode == "real_time" or interrupts):
+        lockstep = scene.mode == "lockstep"
+        if not has_failed and (interrupts or not lockstep):  # in lockstep the controller ends by itself
             try:
-                supervisor.call(f"{self._loop.commander}/vent", ZERO_LIMIT_S)
+                supervisor.call(f"{self._loop.commander}/vent", URGENT_S if interrupts else ZERO_LIMIT_S)
             except SoroError:
                 return
-        lockstep = scene.mode == "lockstep"
         now_ns = int(supervisor.node.get_clock().now().nanoseconds)
         begin_ns = round(1e9 * min(supervisor.clock_s, scene.duration_s)) if lockstep else now_ns
 
         def goes_on() -> bool:
             """Return whether readings may still come, and nobody asks for the end once more."""
             twin, driver = supervisor.status.get("twin"), self._children.get(self._driver)
-            is_running = driver is not None and driver.process.poll() is None
-            is_time_over = twin is not None and twin.message == OVER
-            return is_running and not is_time_over and len(self._interrupted) == interrupts
+            ended = driver is None or driver.process.poll() is not None
+            return not (ended or (twin and twin.message == OVER) or len(self._interrupted) > interrupts)
 
         supervisor.watch_emptying(scene.limits, begin_ns, limit_s, goes_on, lockstep)
 

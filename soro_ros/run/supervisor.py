@@ -230,13 +230,12 @@ class RunMonitor:
         Parameters
         ----------
         limits : Limits
-            Say when a chamber is empty.
         begin_ns : int
-            Earlier readings do not count: their stamps [ns].
+            Stamp from which on readings count [ns].
         limit_s : float
-            Longest time, by the stamps of the readings [s]; without any reading it is `SILENT_READINGS_S`.
+            Longest time by their stamps [s]; without any reading it is `SILENT_READINGS_S`.
         goes_on : callable
-            Function that returns whether to wait on.
+            Returns whether to wait on.
         lockstep : bool
         """
         empty_ns, rests, heard_s = None, False, time.monotonic()

@@ -94,6 +94,7 @@ class ControllerTicks:
         self._failure, self._refused, self.refusals = "", "", 0
         self._covariance_refused = False
         self.state: ControllerState
+        self._zero_ns = 0
         self.forget()
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
@@ -159,7 +160,8 @@ class ControllerTicks:
         self._seen: list[tuple[str, int, np.ndarray]] = []
         self._told: tuple[Learned | None, int] = None, 0
         self._reference: Reference | None = None
-        self._zero_ns = 0
+        # States older than the last zero wait still, and the driver refuses their commands as out of order.
+        self._zero_ns = min(self._zero_ns, self._ports.now_ns())
         self._refuse("")
 
     @property

@@ -134,8 +134,7 @@ def held_up(tmp_path_factory):
 def test_what_a_node_published_before_it_ended_is_in_the_bag(held_up):
     """A recorder that is held up hears the rest of a run, for no node ends before its readers have it all."""
     found = payloads(held_up / "bag")
-    assert len(found["/clock"]) == TICKS
-    assert len(found["/set_points/truth/tip"]) == TICKS
+    assert TICKS < len(found["/clock"]) == len(found["/set_points/truth/tip"])  # and until the arm is empty
     assert len(found["/set_points/chambers/command"]) >= TICKS - 1
     assert found["/set_points/chambers/latch"]
 
@@ -156,11 +155,14 @@ def test_a_repeated_lockstep_run_is_the_same_to_the_bit(domain, tmp_path, reques
     without = ("/diagnostics", "_event", "/arm/backbone", "/chambers/latch")
     first, second = (payloads(folder / "bag", without=without) for folder in (first, second))
     assert first.keys() == second.keys()
-    assert len(second[f"/{scene}/truth/tip"]) == TICKS
+    ended = {len(found[f"/{scene}/truth/tip"]) for found in ((second,) if valves else (first, second))}
+    assert len(ended) == 1
+    assert min(ended) > TICKS
     for topic, bodies in second.items():
-        # From the first message on; how much of the last tick is heard is a matter of who ends first.
-        ticks = min(len(bodies), len(first[topic]))
-        assert ticks >= len(bodies) - 2, topic
+        # From the first message on; how much of the last tick is heard is a matter of who ends first. The
+        # control of the main job goes on where that of the short one ends.
+        ticks = min(len(bodies), len(first[topic]), *([TICKS - 1] if valves else []))
+        assert valves or ticks >= len(bodies) - 2, topic
         assert bodies[:ticks] == first[topic][:ticks], topic
     assert len(set(second[f"/{scene}/sensors/pose0"])) > 100
     assert valves or len(set(second[f"/{scene}/sensors/pose1"])) > 100
@@ -180,8 +182,9 @@ def test_the_nodes_compute_what_one_process_computes(held_up):
         (recorded.command, "setpoint_pa", 1),
     ):
         expected = np.array([getattr(step, name) for step in steps[first:]])
-        assert len(series.value) >= TICKS - 2
-        np.testing.assert_array_equal(series.value, expected[: len(series.value)], err_msg=name)
+        assert len(series.value) >= len(expected) - 1
+        ticks = min(len(series.value), len(expected))
+        np.testing.assert_array_equal(series.value[:ticks], expected[:ticks], err_msg=name)
     assert np.ptp(recorded.command.value) > 10e3
     constant = list(lockstep(with_changes(scene, twin=with_changes(scene.twin, payload_changes={})), 162))
     moved = 1e3 * np.array([np.linalg.norm(a.tip - b.tip) for a, b in zip(steps, constant, strict=False)])

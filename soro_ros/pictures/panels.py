@@ -117,8 +117,7 @@ def draw_path(axis: Any, view: View) -> None:
 
 def draw_tip(axis: Any, view: View) -> None:
     """Draw the coordinates of tip and reference over time."""
-    true = view.shown(view.recording.true_tip)
-    wanted = view.shown(view.controlled(view.recording.wanted_tip))
+    true, wanted = map(view.shown, (view.recording.true_tip, view.controlled(view.recording.wanted_tip)))
     for k, name in enumerate("xyz"):
         if wanted.t.size:
             axis.plot(wanted.t, wanted.value[:, k] * 1e3, color=f"C{k}", lw=2.5, alpha=0.35)
@@ -143,8 +142,7 @@ def _line(axis: Any, t: Array, value: Array, **style: Any) -> None:
 
 def draw_pressures(axis: Any, view: View) -> None:
     """Draw measured pressures, set points and limits."""
-    reading = view.shown(view.recording.reading)
-    command = view.shown(view.controlled(view.recording.command))
+    reading, command = map(view.shown, (view.recording.reading, view.controlled(view.recording.command)))
     names = reading.names or command.names
     for series, measured in ((reading, True), (command, False)):
         for k, name in enumerate(series.names):
@@ -186,16 +184,10 @@ def draw_estimates(axis: Any, view: View) -> None:
     if not series.t.size:
         return
     weights = [k for k, name in enumerate(series.names) if _is_weight(name)]
-    most = float(np.max(np.abs(series.value[:, weights]), initial=0.0)) or 1.0
-    for k in weights:  # the matrix W of a learned force: too many for a legend
-        label = f"learned force, its {len(weights)} numbers; 1: the largest, {most:.3g}"
-        axis.plot(
-            series.t,
-            series.value[:, k] / most,
-            color="0.6",
-            lw=0.5,
-            label=label if k == weights[0] else None,
-        )
+    if weights:  # the matrix W of a learned force: too many for a legend
+        most = float(np.max(np.abs(series.value[:, weights]))) or 1.0
+        force = axis.plot(series.t, series.value[:, weights] / most, color="0.6", lw=0.5)
+        force[0].set_label(f"learned force, its {len(weights)} numbers; 1: the largest, {most:.3g}")
     for k, name in enumerate(series.names):
         if k in weights:
             continue
@@ -242,7 +234,14 @@ def mark(axis: Any, events: Sequence[Event], begin_s: float, end_s: float) -> No
 
 
 def lines_of(events: Sequence[Event], begin_s: float, end_s: float) -> list[str]:
-    """Return a line for each event of a time [s], with the number that marks it."""
+    """Return a line for each event of a time, with the number that marks it.
+
+    Parameters
+    ----------
+    events : sequence of Event
+    begin_s, end_s : float
+        The time [s].
+    """
     return [
         f"{k}: {event.t_s:.2f} s, {event.node}: {event.text}"
         for k, event in enumerate(events, 1)

@@ -90,7 +90,7 @@ def events_of(said: Iterable[Said], time_of: Callable[[int], float]) -> tuple[Ev
     return tuple(found)
 
 
-def without_consequences(events: Sequence[Event], end_s: float) -> tuple[Event, ...]:
+def under_control(events: Sequence[Event], end_s: float) -> tuple[Event, ...]:
     """Return events without the warnings behind the first trip, or behind the end of control [s]."""
     last_s = min((event.t_s for event in events if event.kind == "trip"), default=end_s)
     return tuple(event for event in events if event.kind != "warning" or event.t_s <= min(last_s, end_s))

@@ -16,15 +16,7 @@ from soro_core.arrays import Array
 from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion import messages
 from soro_ros.conversion.decoding import Messages
-from soro_ros.recordings.events import (
-    Event,
-    NodeStatus,
-    Said,
-    clock,
-    events_of,
-    statuses_of,
-    without_consequences,
-)
+from soro_ros.recordings.events import Event, NodeStatus, Said, clock, events_of, statuses_of, under_control
 from soro_ros.topics.diagnostics import is_requested
 
 _TYPES = {
@@ -213,7 +205,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         shadow_tip=series("arm/shadow/tip"),
         true_state=series("truth/state"),
         estimated_state=series("arm/state"),
-        events=without_consequences(events_of(said, time_of), end_s),
+        events=under_control(events_of(said, time_of), end_s),
         said=statuses_of(said, time_of),
         problems=problems,
     )

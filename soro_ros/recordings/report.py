@@ -134,7 +134,16 @@ def tip_error(recording: RunRecording, duration_s: float) -> tuple[Array, Array]
 
 
 def in_control(recording: RunRecording, t: Array, duration_s: float) -> NDArray[np.bool_]:
-    """Return which times (n,) [s] are under control: until the first trip, not while vented on request."""
+    """Return which times are under control: until the first trip, not while vented on request.
+
+    Parameters
+    ----------
+    recording : RunRecording
+    t : ndarray (n,)
+        Times [s].
+    duration_s : float
+        End of the scene [s].
+    """
     wanted = recording.wanted_tip.t
     trips = (event.t_s for event in recording.events if event.kind == "trip" and event.t_s >= 0.0)
     end_s = min(duration_s, float(wanted[-1]) if wanted.size else 0.0, *trips)

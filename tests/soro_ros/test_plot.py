@@ -23,7 +23,7 @@ from soro_ros.conversion import messages
 from soro_ros.pictures import panels
 from soro_ros.pictures.picture import picture
 from soro_ros.pictures.run_view import open_run
-from soro_ros.recordings.events import Event, Said, clock, events_of, without_consequences
+from soro_ros.recordings.events import Event, Said, clock, events_of, under_control
 from soro_ros.recordings.recording import RunRecording, TopicSeries
 from soro_ros.recordings.selection import fields_of
 from soro_ros.run.end import End
@@ -219,8 +219,8 @@ def test_what_the_law_says_behind_a_trip_and_warnings_that_follow_are_not_shown(
     view = panels.View(recording, None, 0.0, 2.0, "true")
     assert view.controlled(series).t[-1] == pytest.approx(1.0)
     assert view.error[0][-1] == pytest.approx(1.0)
-    assert without_consequences(events, 2.0) == events[:2]
-    assert without_consequences(events[:1], 0.4) == ()
+    assert under_control(events, 2.0) == events[:2]
+    assert under_control(events[:1], 0.4) == ()
 
 
 def test_the_same_words_of_latch_and_diagnostics_are_one_event():

@@ -11,8 +11,9 @@ from soro_core.arrays import Array, Flags
 from soro_core.safety.limits import Limits
 from soro_core.safety.monitor_state import chamber
 
-# Time for which the chambers of an arm stay empty until it rests, and a recording of it ends [s].
-REST_S = 1.0
+# Time for which chambers stay empty until the arm rests, and its recording ends [s]: the three-bellow arm
+# under 20 g then moves by less than 2 mm/s, after half of it by up to 17 mm/s.
+REST_S = 2.0
 # A chamber that was named is empty only below this part of the limit, so that noise does not name it again.
 EMPTY_AGAIN = 0.8
 

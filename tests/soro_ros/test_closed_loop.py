@@ -69,7 +69,7 @@ def test_the_controller_tracks_the_circle_on_emulated_valves(main_job, figure):
 
 @pytest.mark.process
 def test_a_run_in_lockstep_is_recorded_in_its_own_time_until_the_arm_is_empty(main_job):
-    """Not in that of the machine; the chambers are empty for a second at the end, and nothing is an event."""
+    """Not in that of the machine; the chambers are empty for 2 s at the end, and nothing is an event."""
     with BagReader(main_job) as reader:
         begin_s, end_s = 1e-9 * reader.start_ns, 1e-9 * reader.end_ns
         late_ns = [
@@ -77,13 +77,13 @@ def test_a_run_in_lockstep_is_recorded_in_its_own_time_until_the_arm_is_empty(ma
             for message in reader.messages(["/track_circle/chambers/state"])
         ]
     assert begin_s == 0.0
-    assert 12.0 < end_s < 14.5
+    assert 13.0 < end_s < 15.5
     assert np.max(np.abs(late_ns)) <= 20_000_000  # ticks of 5 ms that are on their way
     recording = read(main_job, "track_circle")
     empty = np.all(np.abs(recording.reading.value) < 5e3, axis=1)
     pressed_s = recording.reading.t[~empty][-1]
     assert pressed_s > 10.9
-    assert 0.99 <= recording.reading.t[-1] - pressed_s <= 1.05
+    assert 1.99 <= recording.reading.t[-1] - pressed_s <= 2.05
     assert recording.wanted_tip.t[-1] == pytest.approx(10.995)
     assert recording.events == ()
 

@@ -23,7 +23,7 @@ def test_a_trip_is_recorded_until_the_chambers_are_empty(domain, tmp_path):
     t, pressure = recording.reading.t, recording.reading.value
     pressed_s = t[np.any(np.abs(pressure) >= 5e3, axis=1)][-1]
     assert 2.5 < trip.t_s < pressed_s < trip.t_s + 1.0
-    assert 0.99 <= t[-1] - pressed_s < 6.0  # lockstep may be faster than who watches it
+    assert 1.99 <= t[-1] - pressed_s < 7.0  # lockstep may be faster than who watches it
     assert summary(folder)["verdict"] == "vented"
 
 

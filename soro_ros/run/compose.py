@@ -282,7 +282,6 @@ class Run:
         Parameters
         ----------
         supervisor : RunMonitor
-            What the nodes say.
         has_failed : bool
             Whether an error has ended the run, such as a trip.
         """

@@ -235,7 +235,6 @@ class RunMonitor:
         limit_s : float
             Longest time by their stamps [s]; without any reading it is `SILENT_READINGS_S`.
         goes_on : callable
-            Returns whether to wait on.
         lockstep : bool
         """
         empty_ns, rests, heard_s = None, False, time.monotonic()

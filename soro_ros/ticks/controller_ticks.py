@@ -94,6 +94,7 @@ class ControllerTicks:
         self._failure, self._refused, self.refusals = "", "", 0
         self._covariance_refused = False
         self.state: ControllerState
+        self._zero_ns = 0
         self.forget()
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
@@ -159,7 +160,8 @@ class ControllerTicks:
         self._seen: list[tuple[str, int, np.ndarray]] = []
         self._told: tuple[Learned | None, int] = None, 0
         self._reference: Reference | None = None
-        self._zero_ns = 0
+        # States older than the last zero wait still, and the driver refuses their commands as out of order.
+        self._zero_ns = min(self._zero_ns, self._ports.now_ns())
         self._refuse("")
 
     @property
@@ -249,6 +251,9 @@ class ControllerTicks:
     def _tick(
         self, message: JointState, stamp_ns: int, reading: np.ndarray, covariance: Float64MultiArray | None
     ) -> None:
+        if self._lockstep and 0 < round(1e9 * self._config.duration_s) < stamp_ns:
+            self.enabled = False
+            self._note("")
         if not self.enabled:
             self._publish_learned(None, stamp_ns)
             # The first command says that readings and estimates come: `soro run` then enables the controller.
@@ -281,7 +286,9 @@ class ControllerTicks:
             self._publish_learned(command.learned, stamp_ns)
         else:
             self._publish_learned(None, stamp_ns)
-        self._note(add_prefix(NO_COMMAND, failure) or command.status.note)
+        # The reading at time 0 is where the filter begins, and has no estimate.
+        if stamp_ns > 0 or not self._lockstep:
+            self._note(add_prefix(NO_COMMAND, failure) or command.status.note)
         if failure:
             if self._lockstep:
                 self._publish(np.zeros(0), stamp_ns)

@@ -102,7 +102,7 @@ class ControllerTicks:
             self.controller,
             self._lockstep,
             1.0 / config.rate_hz,
-            config.frames,
+            config.frames.within(source.rpartition("/")[0]),
             self._take,
             self._refuse,
             motion or (lambda: config.control.motion),

@@ -103,7 +103,8 @@ def urdf(robot: Robot, base: str, frames: Sequence[ArmFrame], at_base: Callable[
         ElementTree.SubElement(joint, "parent", link=base)
         ElementTree.SubElement(joint, "child", link=frame.name)
     ElementTree.indent(root)
-    return ElementTree.tostring(root, encoding="unicode", xml_declaration=True)
+    # Some parsers refuse a text that states an encoding.
+    return '<?xml version="1.0"?>\n' + ElementTree.tostring(root, encoding="unicode")
 
 
 def _link(root: ElementTree.Element, name: str, radius_m: float) -> None:

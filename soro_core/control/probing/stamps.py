@@ -3,8 +3,9 @@
 A second-order system with the readings as its inputs moves as the sensor does: its frequency, its damping and
 what each chamber does are fitted, and the delay with them. The rise and the fall of each pressure show both:
 frequency and damping by how the arm swings, the delay by when it begins. Part of the answer comes late in its
-own right: what creeps, and what friction holds back. Two slow branches behind the system have it; without them
-a soft silicone looks 14 ms late. A filter cannot be asked: it knows the pressures, and moves on time.
+own right: what creeps, and what friction holds back. A slow branch behind the system has it where the data
+show it; without it a soft silicone looks 14 ms late. A filter cannot be asked: it knows the pressures, and
+moves on time.
 """
 
 from __future__ import annotations
@@ -20,8 +21,8 @@ from soro_core.control.probing.findings import FAIL, ProbeFinding
 
 # Named above this delay, and above this part of the period of the sensor's samples, by so many deviations.
 _ALLOWED_S, _PERIODS, _DEVIATIONS = 0.012, 1.2, 4.0
-# Time constant of the slow branch, in that of the system, one over its frequency; it counts where it leaves at
-# most this part of the squares that the system alone leaves: what it need not explain makes the delay less sure.
+# Time constant of the slow branch, in that of the system, one over its frequency; the branch counts where it
+# leaves at most this part of the squares that the system alone leaves: else it makes the delay less sure.
 _SLOW, _WORTH_PART = 20.0, 0.9
 # Part of the motion that the fit must explain, and fewest samples.
 _EXPLAINED, _LEAST_SAMPLES = 0.85, 30
@@ -169,8 +170,8 @@ def _missed(
 ) -> Array:
     """Return what the best gains of the chambers leave of a motion (m, 2), flat.
 
-    `fitted` is the logarithm of the frequency [rad/s], that of the damping ratio, and the delay [s]; `slow`: with
-    the slow branch.
+    `fitted` is the logarithm of the frequency [rad/s], that of the damping ratio, and the delay [s];
+    `slow`: with the slow branch.
     """
     from scipy.signal import lfilter
 

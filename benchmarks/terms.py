@@ -20,6 +20,7 @@ MATERIAL = {"youngs_modulus": 5e5, "shear_modulus": 5e5 / 3, "shear_correction":
 LINK: dict[str, Any] = {"length": 0.05, "radius": 0.015, "density": 1100.0, "material": MATERIAL}
 LAW = {"material": None, "k_e": [8000.0, 3000.0, 20.0], "k_b": [0.4, 0.1, 0.5]}
 CHAMBERS = [{"angle_rad": 2.1 * i, "area_m2": 5e-5, "offset_m": 0.008} for i in range(3)]
+TENDONS = [{"angle_rad": 2.1 * i, "offset_m": 0.008} for i in range(3)]
 CREEP = [{"tau": 0.05, "stiffness": [100.0, 1e-3, 1e-3]}]
 HYSTERESIS = [{"stiffness": [100.0, 1e-3, 1e-3], "range": [0.05, 1.0, 1.0]}]
 SIX = ("elongation", "bending_x", "bending_y", "torsion", "shear_x", "shear_y")
@@ -65,6 +66,13 @@ INGREDIENTS: dict[str, Ingredient] = {
     "three chambers a link": ({"chambers": CHAMBERS}, {}, {}, 0.0),
     "their area by strain": ({"chambers": [{**one, "area_slope": -5.0} for one in CHAMBERS]}, {}, {}, 0.0),
     "their air as states, behind valves": ({"chambers": CHAMBERS}, {}, {}, 0.0),
+    "three straight tendons along all links": ({}, {"tendons": TENDONS}, {}, 0.0),
+    "three helical tendons along all links": (
+        {},
+        {"tendons": [{**one, "turns": 1.0} for one in TENDONS]},
+        {},
+        0.0,
+    ),
     "all six strains": ({"strains": {name: {} for name in SIX}}, {}, {}, 0.0),
     "method mde, 20 steps a link": ({}, {}, {"method": "mde"}, 0.0),
 }
@@ -87,7 +95,7 @@ def run(options: Options) -> str:
         options.say(name)
         arm = make(case)
         q, qd = states(arm)
-        calls[name] = kernels.in_a_loop(arm, q, qd, pressure=1e4, internal=0.01, force=case[3])
+        calls[name] = kernels.in_a_loop(arm, q, qd, pressure(arm), internal=0.01, force=case[3])
         steps[name] = stepping(arm, q[0], ValveModel() if "behind valves" in name else None)
     options.say("timing")
     call_s, step_s = per_call(calls, options.repeats), per_call(steps, options.repeats)
@@ -129,15 +137,20 @@ def states(arm: SoftArm, count: int = 64) -> tuple[np.ndarray, np.ndarray]:
     return q, rng.normal(size=q.shape) * 5 * scale
 
 
+def pressure(arm: SoftArm) -> np.ndarray:
+    """1e4 Pa in all chambers, 0.5 N in all tendons."""
+    return np.repeat([1e4, 0.5], [len(arm.robot.chamber_names), len(arm.robot.tendons)])
+
+
 def stepping(arm: SoftArm, q0: np.ndarray, valves: ValveModel | None) -> Callable[[int], None]:
     """Run of n steps."""
-    pressure = np.full(arm.n_u, 1e4)
+    held = pressure(arm)
 
     def run(n: int) -> None:
         done = 0
         while done < n:
             part = min(n - done, 100)
-            result = simulate(arm, 0.2 * q0, t_end=part * 5e-4, dt=5e-4, pressure=pressure, valves=valves)
+            result = simulate(arm, 0.2 * q0, t_end=part * 5e-4, dt=5e-4, pressure=held, valves=valves)
             if not result.status.ok:
                 raise RuntimeError(result.status)
             done += part

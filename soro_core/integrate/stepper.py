@@ -29,7 +29,7 @@ from soro_core.integrate.steppers.tr_bdf2 import TR_BDF2
 from soro_core.integrate.steppers.tr_bdf2_linear import TR_BDF2_LINEAR
 from soro_core.integrate.steppers.trapezoidal import TRAPEZOIDAL
 from soro_core.model import SoftArm
-from soro_core.model.checks import finite, flat_wrench, number, require, shaped
+from soro_core.model.checks import finite, flat_wrench, number, refuse_push, require, shaped
 from soro_core.model.dynamics import GOOD
 from soro_core.pneumatics.chamber import Gas, make_gas
 from soro_core.pneumatics.valve_condition import ValveCondition
@@ -194,7 +194,7 @@ class Stepper:
         state : State
             State at the start.
         pressures : (n_u,)
-            Gauge pressures or, with valves, set points [Pa].
+            Gauge pressures or, with valves, set points [Pa], then tensions of the tendons [N].
         dt : float
             Time step [s], above 0.
         wrench : (6,) or (n_wrenches, 6), optional
@@ -217,6 +217,8 @@ class Stepper:
         if not 0.0 < number(dt) < math.inf:
             raise ModelError(f"dt = {short(dt)} s: allowed is a number above 0", "dt")
         p = shaped(pressures, (arm.n_u,), "pressures", arm.robot.name)
+        if arm.robot.tendons:
+            refuse_push(arm.robot, p, "pressures")
         w = flat_wrench(arm.robot, wrench)
         q = self._before_and_after(state.q, arm.n_q, "q")
         v = self._before_and_after(state.qd, arm.n_q, "qd")

@@ -12,7 +12,7 @@ from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.model.discretised import discretised
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.pneumatics import ValveCondition
-from soro_core.robot import Robot
+from soro_core.robot import Robot, refuse_tendons
 from soro_core.twin.config import TwinConfig, check_volumes, described_plant
 
 
@@ -38,11 +38,12 @@ class ArmPlant:
     Raises
     ------
     ConfigError
-        If air is a part of the state and a chamber has no volume, or the plant has other chambers.
+        If air is a part of the state and a chamber has no volume, the plant has other chambers, or tendons.
     """
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
         real = true_robot(robot, config)
+        refuse_tendons(real, "twin")
         self.arm = discretised(real, config.model)
         self.has_air = config.air == "states"
         """Whether pressures are set points of valves, and the air behind them is a part of the state."""

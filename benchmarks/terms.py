@@ -11,7 +11,7 @@ from benchmarks import kernels
 from benchmarks.options import Options
 from benchmarks.report import figure, table
 from benchmarks.timing import per_call
-from soro_core import SoftArm, robot_from_dict, simulate
+from soro_core import Shake, SoftArm, robot_from_dict, simulate
 from soro_core.pneumatics import ValveModel
 
 TITLE = "Cost of each ingredient"
@@ -21,6 +21,7 @@ LINK: dict[str, Any] = {"length": 0.05, "radius": 0.015, "density": 1100.0, "mat
 LAW = {"material": None, "k_e": [8000.0, 3000.0, 20.0], "k_b": [0.4, 0.1, 0.5]}
 CHAMBERS = [{"angle_rad": 2.1 * i, "area_m2": 5e-5, "offset_m": 0.008} for i in range(3)]
 TENDONS = [{"angle_rad": 2.1 * i, "offset_m": 0.008} for i in range(3)]
+SHAKE = Shake(frequency_hz=5.0, amplitude_m=(0.01, 0.0, 0.0), amplitude_rad=(0.0, 0.2, 0.0))
 CREEP = [{"tau": 0.05, "stiffness": [100.0, 1e-3, 1e-3]}]
 HYSTERESIS = [{"stiffness": [100.0, 1e-3, 1e-3], "range": [0.05, 1.0, 1.0]}]
 SIX = ("elongation", "bending_x", "bending_y", "torsion", "shear_x", "shear_y")
@@ -73,6 +74,7 @@ INGREDIENTS: dict[str, Ingredient] = {
         {},
         0.0,
     ),
+    "a base that shakes": ({}, {}, {}, 0.0),
     "all six strains": ({"strains": {name: {} for name in SIX}}, {}, {}, 0.0),
     "method mde, 20 steps a link": ({}, {}, {"method": "mde"}, 0.0),
 }
@@ -96,7 +98,9 @@ def run(options: Options) -> str:
         arm = make(case)
         q, qd = states(arm)
         calls[name] = kernels.in_a_loop(arm, q, qd, pressure(arm), internal=0.01, force=case[3])
-        steps[name] = stepping(arm, q[0], ValveModel() if "behind valves" in name else None)
+        steps[name] = stepping(
+            arm, q[0], ValveModel() if "behind valves" in name else None, SHAKE if "base" in name else None
+        )
     options.say("timing")
     call_s, step_s = per_call(calls, options.repeats), per_call(steps, options.repeats)
     base, base_step = call_s["all off"], step_s["all off"]
@@ -114,7 +118,8 @@ def run(options: Options) -> str:
     intro = (
         f"{LINKS} links of three strains, linear material without viscosity, no gravity; each ingredient by "
         "itself on top of that. A step is one of 0.5 ms of `simulate`; the iterations that it needs differ. "
-        "Air is a state of the step alone: forward dynamics takes pressures."
+        "Air is a state of the step alone: forward dynamics takes pressures. A base that moves too is one of "
+        "the step, with its function of time in Python."
     )
     return f"{intro}\n\n{table(head, rows)}"
 
@@ -142,7 +147,9 @@ def pressure(arm: SoftArm) -> np.ndarray:
     return np.repeat([1e4, 0.5], [len(arm.robot.chamber_names), len(arm.robot.tendons)])
 
 
-def stepping(arm: SoftArm, q0: np.ndarray, valves: ValveModel | None) -> Callable[[int], None]:
+def stepping(
+    arm: SoftArm, q0: np.ndarray, valves: ValveModel | None, base: Shake | None = None
+) -> Callable[[int], None]:
     """Run of n steps."""
     held = pressure(arm)
 
@@ -150,7 +157,9 @@ def stepping(arm: SoftArm, q0: np.ndarray, valves: ValveModel | None) -> Callabl
         done = 0
         while done < n:
             part = min(n - done, 100)
-            result = simulate(arm, 0.2 * q0, t_end=part * 5e-4, dt=5e-4, pressure=held, valves=valves)
+            result = simulate(
+                arm, 0.2 * q0, t_end=part * 5e-4, dt=5e-4, pressure=held, valves=valves, base=base
+            )
             if not result.status.ok:
                 raise RuntimeError(result.status)
             done += part

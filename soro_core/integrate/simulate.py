@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import air_behind, air_pressures, initial_air
+from soro_core.integrate.base_motion import Base, base_rows, moved
 from soro_core.integrate.causes import BY_LOAD, describe_at
 from soro_core.integrate.state import Status
 from soro_core.integrate.stepper import internal_states, run_of, stepping
@@ -48,6 +49,8 @@ class Result:
         ``ok``, or what failed, when, and what to do.
     arm : SoftArm
         The arm.
+    base : (n_t, 24), optional
+        Motion of a base that moves: its rotation in the world, row by row, its position, twist, and rate.
     """
 
     t: Array
@@ -57,6 +60,7 @@ class Result:
     pressure: Array
     status: Status
     arm: SoftArm
+    base: Array | None = None
 
     def __repr__(self) -> str:
         name, n = self.arm.robot.name, self.q.shape[1]
@@ -65,7 +69,8 @@ class Result:
     @property
     def tip(self) -> Array:
         """Positions of the tip in the world (n_t, 3) [m]."""
-        return self.arm.poses(self.q, self.arm.length)[:, :3, 3]
+        poses = self.arm.poses(self.q, self.arm.length)
+        return (poses if self.base is None else moved(self.arm, self.base, poses))[:, :3, 3]
 
     def plot(self) -> Figure:
         """Return a figure of the tip's way from its first place, coordinates and inputs over time."""
@@ -104,6 +109,7 @@ def simulate(
     pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
     tension: Callable[[float], ArrayLike] | ArrayLike | None = None,
     wrench: ArrayLike | None = None,
+    base: Base | None = None,
     valves: ValveModel | None = None,
     pressure0: ArrayLike | None = None,
     internal0: ArrayLike | None = None,
@@ -129,6 +135,9 @@ def simulate(
         Tensions of the tendons [N], 0 or more, likewise; `pressure` is then that of the chambers alone.
     wrench : (6,) or (n_wrenches, 6), optional
         Constant wrenches, as in `SoftArm.forward_dynamics`.
+    base : callable, optional
+        Motion of the base: its `BaseState` as a function of time, as a `Shake`; default at rest. The
+        coordinates are those seen from the base. Not with `valves`.
     valves : ValveModel, optional
         Proportional valves on all chambers: the mass of air in each is then a state, and its pressure follows
         from mass and volume (implicit integrators only).
@@ -165,6 +174,7 @@ def simulate(
         pressure=pressure,
         tension=tension,
         wrench=wrench,
+        base=base,
         valves=valves,
         pressure0=pressure0,
         internal0=internal0,
@@ -185,6 +195,7 @@ def run_once(
     pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
     tension: Callable[[float], ArrayLike] | ArrayLike | None = None,
     wrench: ArrayLike | None = None,
+    base: Base | None = None,
     valves: ValveModel | None = None,
     pressure0: ArrayLike | None = None,
     internal0: ArrayLike | None = None,
@@ -213,14 +224,22 @@ def run_once(
         given = _table(tension, times, len(arm.robot.tendons), "tension", name)
         table = np.concatenate((table, given), axis=2)
     refuse_push(arm.robot, table, "pressure" if tension is None else "tension")
+    inputs, motion = table, None
+    if base is not None:
+        steps = np.stack(
+            (times, times + 0.5 * np.diff(times, append=times[-1]), np.append(times[1:], times[-1])), axis=1
+        )
+        rows = base_rows(base, arm, steps)
+        inputs, motion = np.concatenate((table, rows), axis=2), rows[:, 0]
     start = None if pressure0 is None else _initial(pressure0, arm.n_u, "pressure0", name)
     z[0, arm.n_internal :] = initial_air(air, arm, q[0], start)
-    last, code = run(stepping(arm, air), (times, table, w), (q, v, z))
+    last, code = run(stepping(arm, air, base), (times, inputs, w), (q, v, z))
     end = last + 1
     carried = carried_share(arm, table[last, 0], wrench) if code in BY_LOAD else 1.0
     status = describe_at(code, arm, q[last], f" at t = {times[last]:.6g} s", carried)
     pressures = table[:end, 0] if not isinstance(air, Gas) else air_pressures(air, z[:end, arm.n_internal :])
-    return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status, arm)
+    motion = None if motion is None else motion[:end]
+    return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status, arm, motion)
 
 
 def note_range(results: Sequence[Result]) -> None:

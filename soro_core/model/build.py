@@ -9,7 +9,7 @@ import numpy as np
 from soro_core.arrays import Array, Integers
 from soro_core.model.build_external import external_table, find, places_of, with_masses
 from soro_core.model.forces.routing import no_tendons, tendon_points
-from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, MdeTables, Site, Tables
+from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, FixedBase, MdeTables, Site, Tables
 from soro_core.robot import Link, Robot, link_damping, link_stiffness, shear_factors
 from soro_core.robot.basis import shape_means, shape_values, strain_rows
 from soro_core.robot.link import LEAST_ELONGATION
@@ -98,6 +98,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         internal_scale=np.array(scales, dtype=np.float64),
         external=external_table(robot, [], robot.n_q),
         tendons=no_tendons(),
+        base=FixedBase(np.zeros(6), np.zeros(6)),
     )
     if robot.tendons:
         tables = tables._replace(tendons=tendon_points(robot, tables, radau))

@@ -56,6 +56,17 @@ class NoTendons(Tendons):
     """The same without a tendon: its own type, so that kernels of an arm without tendons skip them."""
 
 
+class BaseMotion(NamedTuple):
+    """How the base frame moves, seen from itself: its twist, and the rate of these six numbers, (6,) each."""
+
+    twist: Array
+    rate: Array
+
+
+class FixedBase(BaseMotion):
+    """A base at rest: its own type, so that kernels of an arm on a fixed base skip it."""
+
+
 class Tables(NamedTuple):
     """Everything that the kernels know about a robot; n links, n_q coordinates, n_z internal states."""
 
@@ -133,6 +144,7 @@ class Tables(NamedTuple):
     """Relaxation time [s] of creep, range of hysteresis."""
     external: External
     tendons: Tendons
+    base: BaseMotion
 
 
 class MdeTables(Tables):

@@ -8,9 +8,10 @@ from soro_core.robot.link import Creep, Hysteresis, Link, Material
 from soro_core.robot.load import load_robot, robot_from_dict, save_robot
 from soro_core.robot.section import link_damping, link_stiffness, shear_factors
 from soro_core.robot.strain import StrainField
-from soro_core.robot.surroundings import Contacts, Plane, PointMass, Sphere, TipConstraint
+from soro_core.robot.surroundings import BaseState, Contacts, Plane, PointMass, Shake, Sphere, TipConstraint
 
 __all__ = [
+    "BaseState",
     "Calibration",
     "Chamber",
     "Contacts",
@@ -23,6 +24,7 @@ __all__ = [
     "PointMass",
     "Robot",
     "SensorBody",
+    "Shake",
     "Sphere",
     "StrainField",
     "Tendon",

@@ -2,8 +2,8 @@
 
 A tendon at d in the frame of the section has there the tangent u = U + Gamma x d + d' by arc length of the
 backbone, linear in q, and the length l = int |u| dsigma. Its tension T does the work -T dl: the force is
--T dl/dq = -T int (u / |u|)' du/dq dsigma, whatever its route. A tendon only pulls: below 0 a tension does nothing, as
-where the parabola through the values of a step passes below them.
+-T dl/dq = -T int (u / |u|)' du/dq dsigma, whatever its route. A tendon only pulls: below 0 a tension does
+nothing, as where the parabola through the values of a step passes below them.
 """
 
 from __future__ import annotations

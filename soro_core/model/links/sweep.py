@@ -28,9 +28,8 @@ from soro_core.model.links.link import (
     node,
     strain_twist,
 )
-from soro_core.model.links.link_kinematics import whole_step
 from soro_core.model.links.magnus import magnus_step
-from soro_core.model.records import Asked, CrossSection, Masses, Motion
+from soro_core.model.records import Asked, CrossSection, Masses, Motion, SubInterval
 from soro_core.model.tables import Tables
 from soro_core.model.work import (
     BASE_ACCELERATION,
@@ -135,7 +134,9 @@ def sweep(t: Tables, w: Work, masses: Masses, motion: Motion, asked: Asked, tau:
         for k in range(t.fraction.shape[0]):
             s, dm, k2 = node(t, i, k, masses.link, masses.tip)
             if t.varying[i]:
-                magnus_step(t, w, i, whole_step(t, i, k), motion, CrossSection(R, p, B1))
+                # `whole_step` would cost links of constant strain a tenth.
+                step = SubInterval(t.fraction[k] * t.length[i], t.shape[k], t.reference[k, i])
+                magnus_step(t, w, i, step, motion, CrossSection(R, p, B1))
             else:
                 stumpff(z * s * s, c)
                 tangent_coefficients(c, co)

@@ -103,13 +103,28 @@ def knots(link: Link) -> Array:
 
 
 def on_pieces(ends: Array, at: Array, weights: Array) -> tuple[Array, Array]:
-    """Nodes and weights of a rule (n,) on 0 ... 1, on each of the pieces between `ends` (m + 1,), (m n,)."""
+    """Nodes and weights (m n,) of a rule on each of m pieces.
+
+    Parameters
+    ----------
+    ends : (m + 1,)
+        Of the pieces.
+    at, weights : (n,)
+        Nodes and weights on 0 ... 1.
+    """
     size = np.diff(ends)[:, None]
     return (ends[:-1, None] + size * at).ravel(), (size * weights).ravel()
 
 
 def along(link: Link, key: str, x: Array) -> Array | None:
-    """Values of a key of its sections at places x (n,), (n,) or (n, 2); None where they do not have it."""
+    """Values (n,) or (n, 2) of a key of the sections; None where they do not have it.
+
+    Parameters
+    ----------
+    link : Link
+    key : str
+    x : (n,)
+    """
     values = [getattr(row, key) for row in link.sections]
     if None in values or not values:
         return None
@@ -135,13 +150,23 @@ def taper_at(links: Sequence[Link], s: Array) -> Array:
 
 
 def section_profile(link: Link, strain: str, x: Array) -> Array:
-    """Area, or second moment, that a strain acts on, over that of `link.radius`, at places x (n,), (n,)."""
+    """Area, or second moment, that a strain acts on, over that of `link.radius`, (n,).
+
+    Parameters
+    ----------
+    link : Link
+    strain : str
+    x : (n,)
+    """
     power = _OF_AREA.get(strain, _OF_MOMENT)
     return np.asarray((radius_profile(link, x) / link.radius) ** power)
 
 
 def stiffness_profile(link: Link, strain: str, x: Array) -> Array:
-    """Stiffness against a strain at places x (n,), (n,): over that of material and radius; of laws, any."""
+    """Stiffness against a strain over that of the moduli and `link.radius`, (n,).
+
+    Its parameters as in `section_profile`.
+    """
     factor = along(link, "stiffness", x)
     return section_profile(link, strain, x) * (1.0 if factor is None else factor)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
 
@@ -83,12 +83,25 @@ class Preview:
         Time until then [s].
     motions : ActuatedSubspace or None
         What the chambers can move about `ahead`; None where that is all.
+    later : callable, optional
+        Gives the reference a time [s] after now, for `at`.
     """
 
     now: Point
     ahead: Point
     ahead_s: float
     motions: ActuatedSubspace | None = None
+    later: Callable[[float], Point] | None = None
+
+    def at(self, time_s: float) -> Point:
+        """Return the reference a time [s] after now, if no other is given meanwhile.
+
+        Parameters
+        ----------
+        time_s : float
+            0 or more.
+        """
+        return self.ahead if self.later is None else self.later(time_s)
 
 
 @dataclass(frozen=True)
@@ -189,6 +202,8 @@ class Law(ABC, Generic[State]):
     Options: ClassVar[type[LawOptions]] = LawOptions
     # Whether it has a learned model for the filter, which then waits for it in lockstep.
     learns: ClassVar[bool] = False
+    # Whether coordinates that no chamber moves follow the reference where they rest; so for all that learn.
+    balances_reference: ClassVar[bool] = False
     # Whether the bias of each regulator is observed and taken off its command.
     observes_regulators: ClassVar[bool] = False
     # Factors on automatic K_p and K_d: of elongation and shear, of bending and torsion.
@@ -200,6 +215,7 @@ class Law(ABC, Generic[State]):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
+        cls.balances_reference = cls.balances_reference or cls.learns
         cls.is_from_outside = not cls.__module__.startswith("soro_core.")
         if cls.is_from_outside:
             guard(cls, METHODS)

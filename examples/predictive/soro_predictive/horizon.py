@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,22 +12,17 @@ from soro_core.integrate import State, make_stepper
 from soro_core.model import SoftArm
 
 
-@dataclass(frozen=True)
-class Course:
-    """Where the arm goes under planned pressures, N steps on.
-
-    Attributes
-    ----------
-    place, place_by_wish : ndarray (N, 3 + n_q), (N, 3 + n_q, N n_u)
-        Position of the tip [m] and coordinates behind each step, and derivative by the wished pressures.
-    pressure_pa, pressure_by_wish : ndarray (N, n_u), (N, N)
-        Pressures at the begin of each step [Pa gauge]; the derivative is one for all chambers.
-    """
+class Course(NamedTuple):
+    """Where the arm goes under planned pressures, N steps on."""
 
     place: Array
+    """Position of the tip [m] and coordinates behind each step, (N, 3 + n_q)."""
     place_by_wish: Array
+    """Derivative by the wished pressures, (N, 3 + n_q, N n_u)."""
     pressure_pa: Array
+    """Pressures at the begin of each step [Pa gauge], (N, n_u)."""
     pressure_by_wish: Array
+    """Derivative, one for all chambers, (N, N)."""
 
 
 class Horizon:
@@ -36,13 +31,7 @@ class Horizon:
     Chambers follow wished pressures with one time constant: what soro's inverse leaves of the lag of the
     regulators. A step of the implicit midpoint rule holds their mean, and a wrench at the tip in place of the
     force that the model lacks.
-
-    Parameters
-    ----------
-    arm : SoftArm
-        Model; one without derivatives raises ModelError.
-    lag_s : float
-        The time constant [s].
+    An arm without derivatives raises ModelError. `lag_s` is the time constant [s].
     """
 
     def __init__(self, arm: SoftArm, lag_s: float) -> None:
@@ -56,22 +45,10 @@ class Horizon:
     ) -> Course:
         """Return the course under wished pressures.
 
-        Parameters
-        ----------
-        state : State
-        pressure_pa, wish_pa : ndarray (n_u,), (N, n_u)
-            Pressures at the begin, and wished ones [Pa gauge].
-        steps_s : ndarray (N,)
-            Lengths of the steps [s].
-        gain : ndarray (n_u,)
-            Part of its pressure that acts in each chamber.
-        forces : ndarray (N, n_q)
-            Generalised forces that the model lacks.
-
-        Raises
-        ------
-        ModelError
-            If the model has no motion under these pressures.
+        `pressure_pa` (n_u,) are those at the begin, `wish_pa` (N, n_u) the wished ones [Pa gauge], `steps_s`
+        (N,) the lengths of the steps [s], `gain` (n_u,) the part of its pressure that acts in each chamber,
+        `forces` (N, n_q) the generalised forces that the model lacks.
+        ModelError: the model has no motion under these pressures.
         """
         arm, (N, n_u), n = self.arm, wish_pa.shape, self.arm.n_q
         by, here = np.zeros((2 * n + arm.n_internal, N * n_u)), np.zeros(N)

@@ -36,15 +36,8 @@ class PredictiveOptions(CompositeOptions):
 
     steps: int = Field(10, ge=2, le=40, description="steps of the horizon; the first is one tick")
     step_s: float = Field(0.025, gt=0, le=0.5, description="length of each other step [s]")
-    change_mm: float = Field(
-        2.0,
-        gt=0,
-        le=1e3,
-        description="tip error that weighs as much as 10 kPa more or less from step to step",
-    )
-    coordinate_mm: float = Field(
-        0.1, gt=0, le=1e3, description="tip error that weighs as much as a coordinate that is off by its unit"
-    )
+    change_mm: float = Field(2.0, gt=0, le=1e3, description="tip error as bad as 10 kPa from step to step")
+    coordinate_mm: float = Field(0.1, gt=0, le=1e3, description="tip error as bad as a coordinate's unit")
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import daqp
 import numpy as np
@@ -14,8 +14,7 @@ from soro_predictive.horizon import Course
 UNIT_PA = 1e4
 
 
-@dataclass(frozen=True)
-class Supply:
+class Supply(NamedTuple):
     """What set points may be: range [Pa gauge], rates [Pa/s]; one is pressure + lead (wish - pressure)."""
 
     low_pa: float
@@ -29,33 +28,23 @@ def best_wish(
     course: Course,
     missed: Array,
     weight: Array,
-    of_change: float,
+    change: float,
     wish_pa: Array,
     steps_s: Array,
     supply: Supply,
 ) -> tuple[Array, int]:
     """Return the wished pressures (N - 1, n_u) [Pa gauge], and the flag of daqp, below 1 without a solution.
 
-    Parameters
-    ----------
-    course : Course
-        Linearised about the wishes.
-    missed, weight : ndarray (N, 3 + n_q)
-        Places of the course less those of the reference, and their weights.
-    of_change : float
-        Weight of a change of `UNIT_PA` from step to step.
-    wish_pa : ndarray (N, n_u)
-        Wishes; the first one stays [Pa gauge].
-    steps_s : ndarray (N,)
-        Lengths of the steps [s].
-    supply : Supply
+    The course is linearised about the wishes (N, n_u), of which the first one stays. `missed` (N, 3 + n_q)
+    are its places less those of the reference, `weight` are their weights, `change` is the weight of `UNIT_PA`
+    more or less from step to step, `steps_s` (N,) are the lengths of the steps [s].
     """
     (N, n_u), lead, each = wish_pa.shape, supply.lead, np.eye(wish_pa.shape[1])
     jump = np.diff(wish_pa, axis=0).ravel()
     back = np.kron(np.eye(N) - np.eye(N, k=-1), each)[n_u:, n_u:]
     by_place = (weight[..., None] * course.place_by_wish).reshape(-1, N * n_u)[:, n_u:]
-    rows = np.vstack([UNIT_PA * by_place, of_change * back])
-    errors = np.concatenate([(weight * missed).ravel(), of_change * jump / UNIT_PA])
+    rows = np.vstack([UNIT_PA * by_place, change * back])
+    errors = np.concatenate([(weight * missed).ravel(), change * jump / UNIT_PA])
     # Set points follow from wishes and pressures: their range, and their change from step to step.
     by_wish = np.kron(lead * np.eye(N) + (1.0 - lead) * course.pressure_by_wish, each)[n_u:, n_u:]
     command = lead * wish_pa + (1.0 - lead) * course.pressure_pa

@@ -1,4 +1,4 @@
-"""Laws from outside by `soro run`: docs/adding_a_law.md as it is written, one that fails, those of packages."""
+"""Laws from outside by `soro run`: that of docs/adding_a_law.md, one that fails, and those of packages."""
 
 import os
 import re

@@ -36,8 +36,8 @@ def best_wish(
     """Return the wished pressures (N - 1, n_u) [Pa gauge], and the flag of daqp, below 1 without a solution.
 
     The course is linearised about the wishes (N, n_u), of which the first one stays. `missed` (N, 3 + n_q)
-    are its places less those of the reference, `weight` are their weights, `change` is the weight of `UNIT_PA`
-    more or less from step to step, `steps_s` (N,) are the lengths of the steps [s].
+    are its places less those of the reference, `weight` are their weights, `change` is the weight of a
+    difference of `UNIT_PA` from step to step, `steps_s` (N,) are the lengths of the steps [s].
     """
     (N, n_u), lead, each = wish_pa.shape, supply.lead, np.eye(wish_pa.shape[1])
     jump = np.diff(wish_pa, axis=0).ravel()

@@ -73,7 +73,7 @@ def run(
             try:
                 find_law(law)
             except ValueError as error:
-                absent.append(f"`{law}` is not measured: {str(error).rpartition('; ')[2]}.")
+                absent.append(f"`{law}` is not measured: {str(error).partition('; ')[2]}.")
                 continue
             for case in chosen:
                 found = []

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import importlib
+import re
 import sys
 
 import numpy as np
 import pytest
 
+from benchmarks import control as benchmark
+from benchmarks import law_packages
+from benchmarks.options import Options
 from soro_core import load_robot
 from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig
@@ -149,6 +153,19 @@ def test_without_a_plan_the_force_is_that_of_composite(law, monkeypatch):
     )
     np.testing.assert_array_equal(force, same)
     assert laws[0].note(state) == "no plan: the quadratic program ends with -1 of daqp"
+
+
+def test_the_benchmark_says_which_law_it_cannot_measure_and_why(monkeypatch, tmp_path):
+    def lost(robot, setup):
+        raise AssertionError
+
+    monkeypatch.setitem(sys.modules, "daqp", None)
+    monkeypatch.setattr(law_packages, "run_loop", lost)
+    options = Options(peer=False, quick=True, folder=tmp_path)
+    text = law_packages.run(ROBOT, options, benchmark.CASES, benchmark.setup_of)
+    assert re.findall(r"^\| (\w+) \| default, 20 g \| lost", text, re.M) == ["composite", "energy_shaping"]
+    assert re.search(r"^`predictive` is not measured: .*daqp.*program\.py, line \d+\)\.$", text, re.M)
+    assert not any("dist-info" in path or "examples" in path for path in sys.path)
 
 
 def test_the_reference_ahead_is_that_of_later_ticks():

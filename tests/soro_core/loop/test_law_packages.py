@@ -164,7 +164,7 @@ def test_the_benchmark_says_which_law_it_cannot_measure_and_why(monkeypatch, tmp
     options = Options(peer=False, quick=True, folder=tmp_path)
     text = law_packages.run(ROBOT, options, benchmark.CASES, benchmark.setup_of)
     assert re.findall(r"^\| (\w+) \| default, 20 g \| lost", text, re.M) == ["composite", "energy_shaping"]
-    assert re.search(r"^`predictive` is not measured: .*daqp.*program\.py, line \d+\)\.$", text, re.M)
+    assert re.search(r"^`predictive` is not measured: .*daqp.*program\.py, line \d+\)\)\.$", text, re.M)
     assert not any("dist-info" in path or "examples" in path for path in sys.path)
 
 

@@ -12,7 +12,7 @@ energy of the volumes alone, and damping at the port,
 so that the loop is the same system with E_d = E - p_d' V + (V - V_d)' K (V - V_d) / 2 and R + H D H'. All of
 its forces are H times pressures, whatever the number of coordinates: no matching equation is left over, and
 no pseudo-inverse of H drops a part. q_d is a rest of E_d where dU/dq(q_d) = H p_d. Where chambers do not move
-all coordinates, the controller therefore gives a reference that can rest (`Law.balances_reference`). It is a
+all coordinates, the controller therefore gives a reference that can rest, as to all laws that learn. It is a
 minimum where the Hessian of E_d is positive definite, which is checked at each new set point.
 
 Nothing of U is cancelled, as feedback of dU/dq at the measured state would: the energy argument knows neither

@@ -231,7 +231,7 @@ class Controller(GivenReferences):
         try:
             shape, ahead = state.shape, Preview(point, future, preview_s, later=later)
             # A law that learns from the tracking error needs that of all coordinates.
-            if self.underactuated.exist and self.law.balances_reference:
+            if self.underactuated.exist and self.law.learns:
                 shape, ahead = self._with_underactuated(state, ahead)
         except np.linalg.LinAlgError:
             return self._held(state, "the shape that no chamber moves has no balance")

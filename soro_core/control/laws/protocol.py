@@ -94,7 +94,7 @@ class Preview:
     later: Callable[[float], Point] | None = None
 
     def at(self, time_s: float) -> Point:
-        """Return the reference a time [s] after now, if no other is given meanwhile.
+        """Return the reference a time [s] after now, if no other is given meanwhile; `ahead` without `later`.
 
         Parameters
         ----------
@@ -202,8 +202,6 @@ class Law(ABC, Generic[State]):
     Options: ClassVar[type[LawOptions]] = LawOptions
     # Whether it has a learned model for the filter, which then waits for it in lockstep.
     learns: ClassVar[bool] = False
-    # Whether coordinates that no chamber moves follow the reference where they rest; so for all that learn.
-    balances_reference: ClassVar[bool] = False
     # Whether the bias of each regulator is observed and taken off its command.
     observes_regulators: ClassVar[bool] = False
     # Factors on automatic K_p and K_d: of elongation and shear, of bending and torsion.
@@ -215,7 +213,6 @@ class Law(ABC, Generic[State]):
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
-        cls.balances_reference = cls.balances_reference or cls.learns
         cls.is_from_outside = not cls.__module__.startswith("soro_core.")
         if cls.is_from_outside:
             guard(cls, METHODS)

@@ -127,7 +127,7 @@ def resting_shape(
     nonuniform : NonuniformStrain or None
         Its non-uniform strain, where it has one.
     """
-    if underactuated.exist and law.balances_reference:
+    if underactuated.exist and law.learns:
 
         def force(q: Array) -> Array:
             return law.reference_force(law_state, q, np.zeros_like(q), np.zeros_like(q))

@@ -36,6 +36,7 @@ class Horizon:
 
     def __init__(self, arm: SoftArm, lag_s: float) -> None:
         self.arm, self.lag_s = arm, lag_s
+        self.unit = np.repeat([arm.length, 1.0], 3)  # a moment is a force at the length
         # Without guards a step is one step of its rule, which alone has derivatives.
         self.stepper = make_stepper("midpoint", arm, guarded=False)
         self.stepper.derivatives(self.stepper.initial_state(), np.zeros(arm.n_u), 1e-3)
@@ -66,9 +67,8 @@ class Horizon:
                 state, gain * (wish_pa[k] + mean * gap), h, self._wrench(jacobian, forces[k])
             )
             state, pressure_pa = step.state, wish_pa[k] + left * gap
-            by = np.hstack([step.by_q, step.by_qd, step.by_internal]) @ by + np.kron(
-                held_by, gain * step.by_p
-            )
+            by = np.hstack([step.by_q, step.by_qd, step.by_internal]) @ by
+            by += (held_by[:, None] * (gain * step.by_p)[:, None]).reshape(by.shape)
             pose, jacobian = arm.pose_and_jacobian(state.q, arm.length)
             place[k, :3], place_by[k, :3] = pose[:3, 3], pose[:3, :3] @ jacobian[3:] @ by[:n]
             place[k, 3:], place_by[k, 3:] = state.q, by[:n]
@@ -76,8 +76,7 @@ class Horizon:
 
     def _wrench(self, jacobian: Array, force: Array) -> Array:
         """Return the wrench (6,) at the tip nearest to a generalised force (n_q,), and the least of these."""
-        unit = np.repeat([self.arm.length, 1.0], 3)  # a moment is a force at the length
-        scaled = unit[:, None] * jacobian
+        scaled = self.unit[:, None] * jacobian
         square = scaled.T @ scaled
-        square[np.diag_indices_from(square)] += 1e-9 * np.trace(square)
-        return np.asarray(unit * (scaled @ np.linalg.solve(square, force)))
+        square.flat[:: len(force) + 1] += 1e-9 * square.trace()
+        return np.asarray(self.unit * (scaled @ np.linalg.solve(square, force)))

@@ -111,7 +111,9 @@ class Loop:
     """
 
     estimator: Estimator
+    """Gives the estimate at each tick."""
     controller: Controller
+    """Gives the command from it."""
 
     def initial_state(self, t_s: float = 0.0, pressure_pa: Array | None = None) -> LoopState:
         """Return the state before the first tick."""

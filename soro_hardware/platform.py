@@ -100,9 +100,11 @@ class PlatformBase(Strict):
     where_device: ClassVar[str] = "transport.device"
     start_advice: ClassVar[str] = "see the lines above, and the device's manual"
     where_supervisor: ClassVar[str] = ""
-    family: str
-    valves: Annotated[tuple[ValveBase, ...], Field(strict=False, min_length=1, max_length=126)]
-    range: PressureRange
+    family: str = Field(description="the kind of hardware, which decides the other keys")
+    valves: Annotated[tuple[ValveBase, ...], Field(strict=False, min_length=1, max_length=126)] = Field(
+        description="one a chamber, in the order of the chambers"
+    )
+    range: PressureRange = Field(description="pressures that the valves regulate")
     cycle_hz: float = Field(gt=0, le=2000, description="rate of exchanges")
     cycle_budget_s: float = Field(0.004, gt=0, le=0.1, description="longest wait for the answers of a cycle")
     lockstep_timeout_s: float = Field(
@@ -125,9 +127,9 @@ class PlatformBase(Strict):
         "supervisor beside the driver, vent: 0.1 to 1 s; not in lockstep. Leave it out for devices that need "
         "a hand after their watchdog has vented",
     )
-    rating: Rating = Rating()
-    regulator: RegulatorModel = RegulatorModel()
-    emulation: EmulationBase = EmulationBase()
+    rating: Rating = Field(Rating(), description="what the arm and the valves withstand")
+    regulator: RegulatorModel = Field(RegulatorModel(), description="model of the valves' regulators")
+    emulation: EmulationBase = Field(EmulationBase(), description="what emulated devices differ in")
 
     @model_validator(mode="before")
     @classmethod

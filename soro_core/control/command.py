@@ -78,9 +78,16 @@ class ControllerState:
 
 @dataclass(frozen=True)
 class ControllerStatus:
-    """Whether the law gave the command; if not, `message` says why the last command is held.
+    """Whether the law gave the command.
 
-    `note` says what the user must know of a command that is given.
+    Attributes
+    ----------
+    ok : bool
+        Whether the law gave the command.
+    message : str
+        Why the last command is held; empty where it is not.
+    note : str
+        What the user must know of a command that is given.
     """
 
     ok: bool
@@ -113,6 +120,7 @@ class Command:
     terms : mapping of str to ndarray (n_q,), or None
         The terms of the desired force by name; None if the command is held.
     status : ControllerStatus
+        Whether the law gave the command.
     """
 
     setpoint_pa: Array

@@ -45,30 +45,42 @@ class Counts(NamedTuple):
 
 
 class EstimatorStatus(NamedTuple):
-    """Whether the estimate may be used; if not, `message` says why.
+    """Whether the estimate may be used.
 
-    `note` says what the user must know of an estimate that may be used.
+    Attributes
+    ----------
+    ok : bool
+        Whether it may.
+    message : str
+        Why not; empty where it may.
+    counts : Counts
+        Counts of samples and steps since the start.
+    age_s : float
+        Time since the last sample that was fused [s]; infinite before the first.
+    note : str
+        What the user must know of an estimate that may be used.
     """
 
     ok: bool
     message: str
     counts: Counts
     age_s: float
-    """Time since the last sample that was fused [s]; infinite before the first."""
     note: str = ""
 
 
 class Estimate(NamedTuple):
-    """State of the arm at `t_s`.
+    """State of the arm.
 
     Attributes
     ----------
+    t_s : float
+        Its time [s].
     q, qd : ndarray (n_q,)
         Coordinates and rates.
     covariance : ndarray (2 n_q, 2 n_q)
         Covariance of (q, qd).
     tip_pose : ndarray (4, 4)
-        Pose of the tip in the world frame.
+        Pose of the tip in the world frame; the position in m.
     tip_covariance : ndarray (6, 6)
         Covariance of position and rotation of the tip, in this order, along the world's axes; it includes the
         configured errors of the kinematics.
@@ -81,6 +93,8 @@ class Estimate(NamedTuple):
     unseen : ndarray (n_q, n_q)
         Covariance of q, beside that of the filter, in directions that no position shows: a learner must doubt
         what the filter takes from its model.
+    status : EstimatorStatus
+        Whether it may be used.
     """
 
     t_s: float

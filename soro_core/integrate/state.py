@@ -11,9 +11,15 @@ from soro_core.arrays import Array
 
 @dataclass(frozen=True)
 class State:
-    """Coordinates q, velocities qd (n_q,), and internal states (n_internal,) of creep and hysteresis.
+    """State of an arm.
 
-    Behind valves, mass [kg] and volume [m^3] of the air in each chamber follow, (2 n_u,).
+    Attributes
+    ----------
+    q, qd : ndarray (n_q,)
+        Coordinates and their rates [1/s].
+    internal : ndarray (n_internal,)
+        States of creep and hysteresis; behind valves, mass [kg] and volume [m^3] of the air in each chamber
+        follow, (2 n_u,).
     """
 
     q: Array

@@ -38,15 +38,35 @@ TOLERANCE = 1e-14
 
 
 class Gas(NamedTuple):
-    """Valves and chambers in the form of the kernels; absolute pressures [Pa], arrays (n_u,)."""
+    """Valves and chambers in the form of the kernels.
+
+    Attributes
+    ----------
+    volume : ndarray (n_u,)
+        Volume of each chamber at q = 0 [m^3].
+    fill, vent, leak : ndarray (n_u,)
+        Sonic conductances from the supply, to the exhaust, and of a leak to the outside [m^3/(s Pa)].
+    loss : ndarray (n_u,)
+        Rate at which a chamber loses its gauge pressure [1/s].
+    supply, exhaust : ndarray (n_u,)
+        Pressures of supply and exhaust [Pa absolute].
+    band, vent_band : ndarray (n_u,)
+        Deviation below and above the set point that opens a valve fully [Pa].
+    critical : float
+        Critical pressure ratio b.
+    exponent : float
+        Exponent n of the gas; 1 isothermal.
+    ambient : float
+        Pressure of the air outside [Pa absolute].
+    density : float
+        Density of the air outside [kg/m^3].
+    """
 
     volume: Array
-    """Volume of each chamber at q = 0 [m^3]."""
     fill: Array
     vent: Array
     leak: Array
     loss: Array
-    """Rate at which a chamber loses its gauge pressure [1/s]."""
     supply: Array
     exhaust: Array
     band: Array
@@ -55,7 +75,6 @@ class Gas(NamedTuple):
     exponent: float
     ambient: float
     density: float
-    """Density of the air outside [kg/m^3]."""
 
 
 class ValveChamber(NamedTuple):

@@ -47,7 +47,9 @@ class Calibration(Strict):
     tracker_quaternion: Quaternion = Field(
         _NO_TURN, description="x, y, z, w of the axes of the robot's world in the frame of the tracker"
     )
-    bodies: Annotated[tuple[SensorBody, ...], Field(strict=False)] = ()
+    bodies: Annotated[tuple[SensorBody, ...], Field(strict=False)] = Field(
+        (), description="where the tracked bodies are mounted"
+    )
 
 
 _PLACE = re.compile(r"[A-Za-z]\w*", re.ASCII)
@@ -60,28 +62,32 @@ END_TOLERANCE = 1e-9
 class Robot(Strict):
     """A chain of links on a base, with a point mass at its tip."""
 
-    links: Annotated[tuple[Link, ...], Field(strict=False, min_length=1)]
+    links: Annotated[
+        tuple[Link, ...], Field(strict=False, min_length=1, description="from the base to the tip")
+    ]
     name: str = Field("robot", min_length=1, description="default: the name of the file")
-    description: str = ""
+    description: str = Field("", description="a line on the robot")
     gravity: Vector3 = Field((0.0, 0.0, -9.81), description="in the world frame [m/s^2]")
     base_quaternion: Quaternion = Field(
         (0.0, 0.0, 0.0, 1.0), description="x, y, z, w of the base frame in the world"
     )
     base_position: Vector3 = Field((0.0, 0.0, 0.0), description="of the base frame in the world [m]")
     tip_mass: float = Field(0.0, ge=0, description="point mass at the tip [kg]")
-    point_masses: Annotated[tuple[PointMass, ...], Field(strict=False)] = ()
+    point_masses: Annotated[tuple[PointMass, ...], Field(strict=False)] = Field(
+        (), description="masses along the arm"
+    )
     wrench_places: Floats = Field(
         (), description="where wrenches can act, metres from the base; default: one wrench, at the tip"
     )
-    contacts: Contacts | None = None
-    tip_constraint: TipConstraint | None = None
+    contacts: Contacts | None = Field(None, description="obstacles that push the arm away; default: none")
+    tip_constraint: TipConstraint | None = Field(None, description="what holds the tip; default: nothing")
     bend_angle: Literal["deformed", "geometric"] = Field(
         "deformed", description="angle that the law k_b acts on"
     )
     pressure_range_pa: Vector2 = Field(
         (0.0, 90e3), description="lowest and highest gauge pressure of the chambers", validate_default=True
     )
-    calibration: Calibration = Calibration()
+    calibration: Calibration = Field(Calibration(), description="frames of the measurement")
     places: dict[str, SensorBody] = Field(
         default_factory=dict,
         description="places of a camera or a tool by name: frames on /tf and in robot_description",
@@ -91,7 +97,9 @@ class Robot(Strict):
         ge=1,
         description="every so many links are one link of the original; its chambers run along all of them",
     )
-    tendons: Annotated[tuple[Tendon, ...], Field(strict=False)] = ()
+    tendons: Annotated[tuple[Tendon, ...], Field(strict=False)] = Field(
+        (), description="tendons along the arm; their inputs follow those of the chambers"
+    )
 
     @field_validator("pressure_range_pa")
     @classmethod

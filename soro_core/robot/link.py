@@ -27,9 +27,9 @@ LIGHTEST, DENSEST = 20.0, 20e3
 class Material(Strict):
     """Linear elastic, linear viscous material of a solid round section, docs/model.md (16), (20)."""
 
-    youngs_modulus: float = Field(gt=0, description="Pa")
-    shear_modulus: float = Field(gt=0, description="Pa")
-    viscosity: float = Field(0.0, ge=0, description="Pa s")
+    youngs_modulus: float = Field(gt=0, description="Young's modulus [Pa]")
+    shear_modulus: float = Field(gt=0, description="shear modulus [Pa]")
+    viscosity: float = Field(0.0, ge=0, description="of stretching [Pa s]")
     shear_factor: float = Field(1.0, gt=0, le=2, description="alpha in alpha G A")
     shear_correction: bool | None = Field(
         None,
@@ -132,9 +132,15 @@ class Link(Strict):
     damping: Floats | None = Field(
         None, description="viscous damping of each coordinate, added to that of the material; default 0"
     )
-    creep: Annotated[tuple[Creep, ...], Field(strict=False)] = ()
-    hysteresis: Annotated[tuple[Hysteresis, ...], Field(strict=False)] = ()
-    chambers: Annotated[tuple[Chamber, ...], Field(strict=False)] = ()
+    creep: Annotated[tuple[Creep, ...], Field(strict=False)] = Field(
+        (), description="branches of slow deformation under a constant force"
+    )
+    hysteresis: Annotated[tuple[Hysteresis, ...], Field(strict=False)] = Field(
+        (), description="branches of a force that depends on the way"
+    )
+    chambers: Annotated[tuple[Chamber, ...], Field(strict=False)] = Field(
+        (), description="chambers along it, in the order of the pressures"
+    )
 
     @field_validator("sections")
     @classmethod

@@ -60,8 +60,8 @@ class Sphere(Surface):
 class Contacts(Strict):
     """Obstacles, and the number of points of the arm that they act on."""
 
-    planes: Annotated[tuple[Plane, ...], Field(strict=False)] = ()
-    spheres: Annotated[tuple[Sphere, ...], Field(strict=False)] = ()
+    planes: Annotated[tuple[Plane, ...], Field(strict=False)] = Field((), description="walls and floors")
+    spheres: Annotated[tuple[Sphere, ...], Field(strict=False)] = Field((), description="balls")
     points_per_link: int = Field(
         5, ge=1, le=200, description="evenly spaced up to the end of each link (of the original, if refined)"
     )

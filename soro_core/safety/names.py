@@ -13,8 +13,13 @@ MISSED = 100
 class Names:
     """Names of the publishers of one topic since the last of its publishers left.
 
-    `last` has the number of the latest message of each name: every publisher counts its own messages, each
-    one higher than the one before. `shared` has the names that more than one publisher gives.
+    Attributes
+    ----------
+    last : mapping of str to int
+        Number of the latest message of each name: every publisher counts its own messages, each one higher
+        than the one before.
+    shared : frozenset of str
+        Names that more than one publisher gives.
     """
 
     last: Mapping[str, int] = field(default_factory=dict)

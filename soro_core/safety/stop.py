@@ -6,7 +6,15 @@ from typing import NamedTuple
 
 
 class StopState(NamedTuple):
-    """When the stop was last heard, and last heard to be pressed: times of one clock [ns], None for never."""
+    """What was heard of a stop.
+
+    Attributes
+    ----------
+    heard_ns : int or None
+        When it was last heard [ns]; None for never.
+    pressed_ns : int or None
+        When it was last heard to be pressed [ns], of the same clock; None for never.
+    """
 
     heard_ns: int | None = None
     pressed_ns: int | None = None

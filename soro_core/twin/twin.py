@@ -35,9 +35,22 @@ SHORTEST_S = 1e-9
 
 @dataclass(frozen=True)
 class TwinState:
-    """State of arm, air and sensors, these by place; `tick` counts from 0.
+    """State of arm, air and sensors.
 
-    `start_tick` is the tick from which the times of the payload's changes count; None: they wait.
+    Attributes
+    ----------
+    tick : int
+        Counts from 0.
+    arm : State
+        Coordinates, rates and internal states.
+    air : RegulatorState
+        Regulators and pressures [Pa gauge].
+    poses, imus : tuple of SensorState
+        Sensors of poses; IMUs: by place.
+    status : Status
+        Result of the last step.
+    start_tick : int or None
+        Tick from which the times of the payload's changes count; None: they wait.
     """
 
     tick: int

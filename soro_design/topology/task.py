@@ -169,8 +169,10 @@ class Task(Strict):
         tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]],
         Field(strict=False, description="elements along x and y"),
     ]
-    goal: Annotated[Stiffest | Farthest, Field(discriminator="kind")]
-    held: Annotated[tuple[FixedRegion, ...], Field(strict=False, min_length=1)]
+    goal: Annotated[Stiffest | Farthest, Field(discriminator="kind", description="what is best")]
+    held: Annotated[
+        tuple[FixedRegion, ...], Field(strict=False, min_length=1, description="nodes that do not move")
+    ]
     inlet: Annotated[Region, Field(description="nodes at full pressure")]
     open: Annotated[
         Regions,
@@ -185,8 +187,8 @@ class Task(Strict):
     volume_fraction: Annotated[Share, Field(description="greatest share of the volume that is solid")]
     filter_radius_m: Annotated[Positive, Field(description="of the density filter")]
     void_stiffness: Annotated[Share, Field(description="stiffness of void over that of solid")] = 1e-6
-    air: AirPermeability
-    schedule: Schedule
+    air: Annotated[AirPermeability, Field(description="how air passes solid and void")]
+    schedule: Annotated[Schedule, Field(description="what changes with the iterations")]
     mirrors: Annotated[
         tuple[Axis, ...],
         Field(strict=False, description="x where the part goes on behind x = 0, y where behind y = 0"),

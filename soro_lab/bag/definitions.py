@@ -18,11 +18,14 @@ _RULE = "=" * 80
 
 @dataclass(frozen=True, slots=True)
 class Definition:
-    """Text of a message type with everything that it refers to, its encoding, and its RIHS01 hash."""
+    """Definition of a message type."""
 
     text: str
+    """The type, and every type that it refers to."""
     encoding: str
+    """Language of the text, `ros2msg` or `ros2idl`; empty without a text."""
     type_hash: str
+    """RIHS01 hash."""
 
 
 def find_definition(type_name: str, shares: Iterable[Path]) -> Definition:

@@ -30,19 +30,30 @@ class FilePart:
 
 @dataclass(frozen=True, slots=True)
 class Metadata:
-    """Contents of metadata.yaml; `start_ns` is None for a bag without messages."""
+    """Contents of metadata.yaml."""
 
     topics: tuple[tuple[Topic, int], ...]
+    """Topics, each with its number of messages."""
     files: tuple[FilePart, ...]
+    """Files in the order of their times."""
     start_ns: int | None = None
+    """Time of the first message [ns]; None for a bag without messages."""
     duration_ns: int = 0
+    """From the first message to the last [ns]."""
     message_count: int = 0
+    """Messages of all topics."""
     version: int = VERSION
+    """Version of the format of metadata.yaml."""
     storage: str = "mcap"
+    """Name of the storage plug-in of rosbag2."""
     compression_format: str = ""
+    """Name of the compression; empty for none."""
     compression_mode: str = ""
+    """What is compressed as one, file or message; empty for none."""
     ros_distro: str = "jazzy"
+    """Distribution of ROS that recorded the bag."""
     custom_data: Mapping[str, str] = field(default_factory=dict)
+    """What the recorder adds, by name."""
 
 
 def dump(metadata: Metadata) -> str:

@@ -29,14 +29,20 @@ _MOST_QOS = 1 << 20
 
 @dataclass(frozen=True, slots=True)
 class BagMessage:
-    """One recorded message: its serialised bytes, and its times in nanoseconds."""
+    """One recorded message."""
 
     topic: str
+    """Name of the topic."""
     type: str
+    """Name of the type, `package/msg/Name`."""
     data: bytes
+    """Serialised message (CDR)."""
     log_time_ns: int
+    """When it was recorded [ns]."""
     publish_time_ns: int
+    """When it was published [ns]."""
     sequence: int
+    """Number that the publisher gave; 0 where there is none."""
 
 
 class BagReader:

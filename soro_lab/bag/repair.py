@@ -24,13 +24,18 @@ _COMPARED = ("schemas", "channels", "counts", "message_indexes", "metadata", "at
 
 @dataclass(frozen=True, slots=True)
 class PartRepair:
-    """Result for one file: messages, whether it is rewritten and why, and path of the damaged original."""
+    """Result for one file."""
 
     path: Path
+    """The file."""
     message_count: int
+    """Messages that it has now."""
     rewritten: bool
+    """Whether it was written anew."""
     problems: tuple[str, ...]
+    """Why."""
     original: Path | None
+    """The damaged file, where data was lost."""
 
 
 def repair(path: str | Path) -> tuple[PartRepair, ...]:

@@ -45,7 +45,9 @@ class Span:
     """A duration in the form of rmw, unchanged: readers compare its two copies in a bag."""
 
     sec: int = INFINITE_NS // 10**9
+    """Whole seconds [s]."""
     nsec: int = INFINITE_NS % 10**9
+    """The rest [ns]."""
 
     @classmethod
     def of(cls, nanoseconds: int) -> Span:
@@ -65,14 +67,23 @@ class Qos:
     """Quality of service that one publisher offered; policy names as rmw spells them."""
 
     history: str = "keep_last"
+    """Which messages are kept, `keep_last` or `keep_all`."""
     depth: int = 10
+    """How many messages are kept."""
     reliability: str = "reliable"
+    """`reliable` or `best_effort`."""
     durability: str = "volatile"
+    """`volatile`, or `transient_local` for late subscribers."""
     deadline: Span = Span()
+    """Longest time between two messages."""
     lifespan: Span = Span()
+    """Time after which a message is too old."""
     liveliness: str = "automatic"
+    """Who says that the publisher lives."""
     liveliness_lease: Span = Span()
+    """Time within which it must be said."""
     avoid_ros_namespace_conventions: bool = False
+    """Whether the name on the wire lacks the prefix of ROS."""
 
     def as_map(self) -> dict[str, Any]:
         """Return the mapping that metadata version 9 holds."""

@@ -43,10 +43,12 @@ class MeasurementFrame:
 
 @dataclass(frozen=True)
 class CurvatureErrors:
-    """Root mean square errors [1/m] of the curvature vector and of its magnitude."""
+    """Root mean square errors of a curvature."""
 
     vector: float
+    """Of the curvature vector [1/m]."""
     magnitude: float
+    """Of its magnitude [1/m]."""
 
 
 def curvature_errors(

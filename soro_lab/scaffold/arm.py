@@ -31,24 +31,34 @@ _HEAVY = 1.1
 
 @dataclass(frozen=True)
 class Geometry:
-    """Geometry and mass of a link; every number with its origin, in SI units."""
+    """Geometry and mass of a link; every number with its origin."""
 
     length: Noted
+    """Undeformed length [m]."""
     radius: Noted
+    """Radius of the section [m]."""
     mass: Noted
+    """Mass [kg]."""
     angles: tuple[Noted, ...]
+    """Where the chambers lie around the axis [rad]."""
     area: Noted
+    """Area that the pressure of a chamber acts on [m^2]."""
     offset: Noted
+    """Distance of a chamber from the axis [m]."""
     section: estimate.Section
+    """Section without its chambers."""
 
 
 @dataclass(frozen=True)
 class NewLink:
-    """One link, with its stiffness against stretching [N/m] and bending [N m/rad]."""
+    """One link."""
 
     geometry: Geometry
+    """Geometry and mass."""
     k_e: Noted
+    """Stiffness against stretching [N/m]."""
     k_b: Noted
+    """Stiffness against bending [N m/rad]."""
 
 
 @dataclass(frozen=True)

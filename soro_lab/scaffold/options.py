@@ -31,17 +31,29 @@ class ScaffoldOptions:
     """Options as they are written; empty where they are not given."""
 
     name: str
+    """Of the robot and its files."""
     links: int | None = None
+    """Number of links."""
     length: str = ""
+    """Of each link, or one for all, like `80mm`; without unit in m."""
     radius: str = ""
+    """Of each link, or one for all, like `13mm`; without unit in m."""
     mass: str = ""
+    """Of each link, or one for all, like `30g`; without unit in kg."""
     chambers: str = ""
+    """Number of chambers of each link, or one for all."""
     pressure_range: str = ""
+    """Lowest and highest gauge pressure, like `0,90kPa`; without unit in Pa."""
     axial_stiffness: str = ""
+    """Against stretching, of each link or one for all [N/m]."""
     bending_stiffness: str = ""
+    """Against bending, of each link or one for all [N m/rad]."""
     mounting: str = "standing"
+    """How the base is mounted, `standing`, `hanging` or `lying`."""
     planar: bool = False
+    """Whether the arm bends in one plane."""
     platform: str = "emulated"
+    """`emulated`, a shipped platform, or a family."""
 
 
 @dataclass(frozen=True)

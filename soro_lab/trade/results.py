@@ -74,10 +74,15 @@ class CandidateResult:
     """Results of one candidate."""
 
     candidate: Candidate
+    """The discretisation."""
     errors: Errors | None
+    """Against the reference run; None if it failed."""
     failure: str = ""
+    """Why it failed; empty if it did not."""
     cost: Cost | None = None
+    """Times of computation; None if not measured."""
     loop: LoopError | None = None
+    """Error of the closed loop; None if not run."""
     measured_per_m: float | None = None
     """RMS error of the curvature against the measured run [1/m]."""
 
@@ -111,14 +116,19 @@ class Study:
     """Results of a study."""
 
     case: TradeCase
+    """What was computed."""
     requirement: Requirement
+    """What the choice must meet."""
     reference: ReferenceRun
+    """The finest run, which errors are taken from."""
     rows: tuple[CandidateResult, ...]
+    """One a candidate."""
     combinations: int
     """All combinations of the grid."""
     refused: dict[str, str] = field(default_factory=dict)
     """Shape functions that the robot does not allow, with reasons."""
     stopped: bool = False
+    """Whether the user stopped it before its end."""
 
     @property
     def front(self) -> list[CandidateResult]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,9 @@ def write(app: Any) -> None:
     """Write the pages into docs/generated; a page that has not changed keeps its time."""
     folder = Path(app.srcdir) / "docs" / "generated"
     folder.mkdir(exist_ok=True)
-    pages = {**commands.pages(), **keys.pages(), **nodes.pages(), **api.pages()}
+    linked: list[type] = []
+    pages = {**commands.pages(), **keys.pages(linked), **nodes.pages(), **api.pages()}
+    app.connect("autodoc-process-docstring", partial(api.show_fields, linked))
     for name, (title, about, body) in pages.items():
         page, text = folder / f"{name}.md", HEAD.format(title=title, about=about) + body
         if not page.exists() or page.read_text(encoding="utf-8") != text:
@@ -25,4 +28,5 @@ def setup(app: Any) -> dict[str, bool]:
     """Extend Sphinx."""
     app.connect("builder-inited", write)
     app.connect("autodoc-process-docstring", api.escape)
+    app.connect("autodoc-skip-member", api.skip)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

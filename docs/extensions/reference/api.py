@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import soro_core
 import soro_design
 import soro_hardware
 import soro_lab
+from reference import fields
 
 _PACKAGE = """## {name}
 
@@ -23,18 +25,36 @@ _PACKAGE = """## {name}
 
 def pages() -> dict[str, tuple[str, str, str]]:
     """Return the page of the library."""
-    names = [
-        name for package in (soro_core, soro_hardware, soro_lab, soro_design) for name in _packages(package)
-    ]
-    modules = [module for module in map(import_module, names) if hasattr(module, "__all__")]
-    seen: set[int] = set()
-    body = "\n".join(_section(module, seen) for module in modules)
+    body = "\n".join(_section(module, names) for module, names in public())
     return {"api": ("The library", "Public classes and functions; none of them needs ROS.", body)}
+
+
+def public() -> Iterator[tuple[Any, dict[str, object]]]:
+    """Yield each package with the names that no package before it has."""
+    seen: set[int] = set()
+    for package in (soro_core, soro_hardware, soro_lab, soro_design):
+        for module in map(import_module, _packages(package)):
+            if hasattr(module, "__all__"):
+                things = {name: getattr(module, name) for name in module.__all__}
+                yield module, {name: thing for name, thing in things.items() if id(thing) not in seen}
+                seen |= set(map(id, things.values()))
 
 
 def escape(app: object, what: str, name: str, thing: object, options: object, lines: list[str]) -> None:
     """Keep the bars of absolute values in docstrings; parameters as in `autodoc-process-docstring`."""
     lines[:] = [line.replace("|", r"\|") for line in lines]
+
+
+def show_fields(
+    linked: list[type], app: object, what: str, name: str, thing: object, options: object, lines: list[str]
+) -> None:
+    """Show the fields of a class; parameters as in `fields.show` and `autodoc-process-docstring`."""
+    fields.show(linked, what, thing, lines)
+
+
+def skip(app: object, what: str, name: str, thing: object, skipped: bool, options: object) -> bool | None:
+    """Leave out what says nothing; parameters as in `autodoc-skip-member`."""
+    return True if fields.is_alias(what, thing) else None
 
 
 def _packages(package: Any) -> list[str]:
@@ -44,12 +64,8 @@ def _packages(package: Any) -> list[str]:
     return [".".join((package.__name__, *folder.relative_to(root).parts)) for folder in (root, *below)]
 
 
-def _section(module: Any, seen: set[int]) -> str:
-    """Return the names of a package that no package before it has."""
-    things = {name: getattr(module, name) for name in module.__all__}
-    new = {name: thing for name, thing in things.items() if id(thing) not in seen}
-    seen |= {id(thing) for thing in new.values()}
-    names = "\n".join(f".. {_directive(thing)}:: {module.__name__}.{name}" for name, thing in new.items())
+def _section(module: Any, things: dict[str, object]) -> str:
+    names = "\n".join(f".. {_directive(thing)}:: {module.__name__}.{name}" for name, thing in things.items())
     return _PACKAGE.format(name=module.__name__, about=module.__doc__, names=names)
 
 

@@ -30,31 +30,47 @@ _BRACKETS = re.compile(r"\[([^\]]*)\]")
 _HEAD = ("key", "default", "unit", "allowed", "meaning")
 
 
-def pages() -> dict[str, tuple[str, str, str]]:
-    """Return the pages of the keys."""
+def pages(linked: list[type[BaseModel]]) -> dict[str, tuple[str, str, str]]:
+    """Return the pages of the keys.
+
+    Parameters
+    ----------
+    linked : list of type of BaseModel
+        Gets the models whose tables can be linked, see `target`.
+    """
     about = "Every key of a {} file with its default, unit and what is allowed; another key is refused."
     families = {name: family.find(family.config) for name, family in FAMILIES.items()}
     platforms = "\n".join(
-        f"## family: {name}\n\n{sections(model, '', 3)}" for name, model in families.items()
+        f"## family: {name}\n\n{sections(model, '', 3, linked)}" for name, model in families.items()
     )
     laws = "\n".join(
-        sections(find_law(name).Options, f"controller.law_options (law: {name})", 2) for name in SHIPPED
+        sections(find_law(name).Options, f"controller.law_options (law: {name})", 2, linked)
+        for name in SHIPPED
     )
     return {
-        "scene_keys": ("Keys of a scene", about.format("scene"), sections(Scene, "", 2) + laws),
-        "robot_keys": ("Keys of a robot", about.format("robot"), sections(Robot, "", 2)),
+        "scene_keys": ("Keys of a scene", about.format("scene"), sections(Scene, "", 2, linked) + laws),
+        "robot_keys": ("Keys of a robot", about.format("robot"), sections(Robot, "", 2, linked)),
         "task_keys": (
             "Keys of a design task",
             about.format("task"),
-            sections(Task, "", 2),
+            sections(Task, "", 2, linked),
         ),
-        "part_keys": ("Keys of a part", about.format("part"), sections(PartFile, "", 2)),
+        "part_keys": ("Keys of a part", about.format("part"), sections(PartFile, "", 2, linked)),
         "platform_keys": ("Keys of a platform", about.format("platform"), platforms),
     }
 
 
+def target(model: type[BaseModel]) -> str:
+    """Return the name of the place of a model's table, for links."""
+    return f"keys-{model.__module__}.{model.__qualname__}".lower()
+
+
 def sections(
-    model: type[BaseModel], path: str, level: int, shown: dict[type[BaseModel], str] | None = None
+    model: type[BaseModel],
+    path: str,
+    level: int,
+    linked: list[type[BaseModel]],
+    shown: dict[type[BaseModel], str] | None = None,
 ) -> str:
     """Return the table of a model, and after it those of the models that its keys hold.
 
@@ -67,11 +83,16 @@ def sections(
         Keys that lead to it; empty for the file itself.
     level : int
         Level of the headings.
+    linked : list of type of BaseModel
+        Models that have a table on any page, which gets this one.
     shown : dict, optional
-        Models that have their table, and where.
+        Models that have their table in this file, and where.
     """
     shown = {} if shown is None else shown
     found, own = [], []
+    if model not in linked:
+        linked.append(model)
+        found.append(f"({target(model)})=\n")
     if path:
         found.append(f"{'#' * level} {path}\n")
     if model in shown:
@@ -85,7 +106,7 @@ def sections(
         own += [(one, f"{path}.{name}".lstrip(".") + _mark(field.annotation), len(inner)) for one in inner]
     found.append(table(_HEAD, rows))
     for one, place, many in own:
-        found.append(sections(one, place + (f" ({_kind(one)})" if many > 1 else ""), level, shown))
+        found.append(sections(one, place + (f" ({_kind(one)})" if many > 1 else ""), level, linked, shown))
     return "\n".join(found)
 
 

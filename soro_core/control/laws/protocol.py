@@ -64,7 +64,15 @@ class ArmBelief:
 
 @dataclass(frozen=True)
 class Certainty:
-    """What a filter says of its estimate: P (2 n_q, 2 n_q), and whether it has positions of the arm."""
+    """What a filter says of its estimate.
+
+    Attributes
+    ----------
+    covariance : ndarray (2 n_q, 2 n_q)
+        P, covariance of (q, qd).
+    positions : bool
+        Whether positions of the arm are measured.
+    """
 
     covariance: Array
     positions: bool
@@ -140,6 +148,7 @@ class Setting:
     gains : FeedbackGains
         Section `gains` in the coordinates of the arm.
     config : ControllerConfig
+        Section `controller` of the scene.
     pressures : CompletePressures
         Bounds, lag and dead time.
     configured : Reference or None

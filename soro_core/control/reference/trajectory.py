@@ -20,7 +20,13 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Point:
-    """A reference at one instant: coordinates, rates and accelerations, each (n_q,)."""
+    """A reference at one instant: what the arm is to follow.
+
+    Attributes
+    ----------
+    q, qd, qdd : ndarray (n_q,)
+        Coordinates, rates [1/s] and accelerations [1/s^2] in units of the coordinates.
+    """
 
     q: Array
     qd: Array

@@ -72,12 +72,16 @@ class RodShape:
 
 @dataclass(frozen=True)
 class RodCounts:
-    """Numbers of elements: around a quarter of a chamber, across a wall, along the chambers, along a plug."""
+    """Numbers of elements."""
 
     around: int = 4
+    """Around a quarter of a chamber."""
     across: int = 2
+    """Across a wall."""
     along: int = 18
+    """Along the chambers."""
     plug: int = 1
+    """Along a plug."""
 
     def __post_init__(self) -> None:
         for key, least in (("around", 2), ("across", 1), ("along", 1), ("plug", 1)):

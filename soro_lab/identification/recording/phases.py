@@ -18,11 +18,14 @@ _LARGE = 20.0
 
 @dataclass(frozen=True)
 class Phase:
-    """A stretch of time [s] of one kind: `excited` (pressures move) or `decay` (only the arm moves)."""
+    """A stretch of time of one kind."""
 
     kind: Literal["excited", "decay"]
+    """`excited`: pressures move; `decay`: only the arm moves."""
     start: float
+    """Time of its start in the recording [s]."""
     end: float
+    """Time of its end in the recording [s]."""
 
     @property
     def duration(self) -> float:

@@ -42,10 +42,13 @@ class ReportContent:
     Attributes
     ----------
     found : ArmIdentification
+        The identified arm and its errors.
     accept : float
         Largest RMS error on held-out sections, in ranges moved.
     profiles : tuple of Profile
+        The cost along single numbers.
     unphysical : tuple of Unphysical
+        Fitted values that no arm has.
     out : str
         The robot file that is written.
     """

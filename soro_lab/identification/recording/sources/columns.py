@@ -200,17 +200,17 @@ class BendColumn(Strict):
 class Columns(Strict):
     """A column map."""
 
-    description: str = ""
-    time: TimeColumn = TimeColumn()
-    pressures: PressureColumns
-    commands: PressureColumns | None = None
-    duty: DutyColumns | None = None
+    description: str = Field("", description="a line on the file")
+    time: TimeColumn = Field(TimeColumn(), description="when each row was sampled")
+    pressures: PressureColumns = Field(description="measured pressures of the chambers")
+    commands: PressureColumns | None = Field(None, description="set points of the chambers")
+    duty: DutyColumns | None = Field(None, description="duty cycles of the pumps of the chambers")
     frame: str = Field("tracker", description="what positions refer to")
-    base: BaseColumns | None = None
-    plates: dict[str, PlateColumns] = Field({})
-    markers: dict[str, MarkerColumns] = Field({})
-    curvatures: dict[str, CurvatureColumns] = Field({})
-    bends: dict[str, BendColumn] = Field({})
+    base: BaseColumns | None = Field(None, description="pose of the base of the arm")
+    plates: dict[str, PlateColumns] = Field({}, description="poses of bodies on the arm, by name")
+    markers: dict[str, MarkerColumns] = Field({}, description="positions of points on the arm, by name")
+    curvatures: dict[str, CurvatureColumns] = Field({}, description="mean curvatures of links, by name")
+    bends: dict[str, BendColumn] = Field({}, description="bending angles of links, by name")
 
     @model_validator(mode="after")
     def _has_different_names(self) -> Columns:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import mismatched_arms
-from benchmarks.judged_loop import Outcome, outcome, ticks_of
+from benchmarks.judged_loop import Outcome, outcome
 from benchmarks.mismatched_robots import (
     four_chambers,
     four_uneven,
@@ -30,6 +30,7 @@ from soro_core.loop import Tick
 from soro_core.robot import Robot, load_robot
 from soro_lab.scene import Scene, load_scene
 from soro_ros.recordings.report import WINDOW_S
+from soro_ros.study.closed_loop import ticks_of
 
 TITLE = "Mismatch: arms that differ from their file"
 LAWS = ("composite", "adaptive")

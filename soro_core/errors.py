@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 # Largest number of characters of the found value in an error.
@@ -9,7 +10,16 @@ LONGEST = 80
 
 
 class SoroError(Exception):
-    """Base of all errors that a user can cause or mend."""
+    """Base of all errors that a user can cause or mend; they pass from process to process as they are."""
+
+    def __reduce__(self) -> tuple[Callable[..., SoroError], tuple[object, ...]]:
+        return _received, (type(self), self.args, vars(self))
+
+
+def _received(kind: type[SoroError], args: tuple[object, ...], values: dict[str, object]) -> SoroError:
+    error = kind.__new__(kind, *args)
+    vars(error).update(values)
+    return error
 
 
 # What is said of a parameter that a running node cannot take over.

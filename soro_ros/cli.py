@@ -52,6 +52,7 @@ def application(begin: Callable[[], None] = lambda: None) -> typer.Typer:
     from soro_ros.commands.replay import replay
     from soro_ros.commands.run import run
     from soro_ros.commands.view import view
+    from soro_ros.study.command import study
 
     app = typer.Typer(
         help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
@@ -73,6 +74,7 @@ def application(begin: Callable[[], None] = lambda: None) -> typer.Typer:
     app.command()(emulate)
     app.command()(doctor)
     app.command()(trade)
+    app.command()(study)
     app.command()(board)
     app.command()(reach)
     app.command("place-sensors")(place_sensors)
@@ -92,7 +94,7 @@ def application(begin: Callable[[], None] = lambda: None) -> typer.Typer:
 
     def print_version(is_asked: bool) -> None:
         if is_asked:
-            from soro_ros.host.versions import soro_version
+            from soro_core.jobs.versions import soro_version
 
             typer.echo(f"soro {soro_version()}")
             raise typer.Exit

@@ -10,8 +10,6 @@ from rclpy.node import Node
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 # Begin of the message of a node that drives valves, while its latch is closed.
 VENTED = "vented"
-# Begin of the message of a controller while it sends no command, and of an estimator without an estimate.
-NO_COMMAND, NO_ESTIMATE = "no command", "no estimate"
 # Where nothing is known of the hardware.
 NONE = "unknown"
 
@@ -103,11 +101,6 @@ class Diagnostics:
         array = DiagnosticArray(status=[self._status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
-
-
-def add_prefix(prefix: str, text: str) -> str:
-    """Return a text that begins with one of the words above, once; an empty one stays empty."""
-    return text if not text or text.startswith(prefix) else f"{prefix}: {text}"
 
 
 def _text(value: object) -> str:

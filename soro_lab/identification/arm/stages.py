@@ -10,6 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from soro_core.errors import ConfigError, ModelError, SoroError
+from soro_core.jobs import Executor
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import Case, Whole, longest_step
@@ -73,6 +74,8 @@ class IdentificationOptions:
         Names of recordings that no fit sees, not even the last one; () holds out sections of all.
     keep : tuple of str
         Names of numbers that stay as described.
+    executor : Executor or None
+        Computes the derivatives of all fits, and starts; None: threads on all cores.
     """
 
     dt_s: float | None = None
@@ -84,6 +87,7 @@ class IdentificationOptions:
     seed: int = 1
     hold_out: tuple[str, ...] = ()
     keep: tuple[str, ...] = ()
+    executor: Executor | None = None
 
 
 @dataclass(frozen=True)
@@ -183,8 +187,9 @@ def identify(
     if rests is not None:
         values, interrupted = _at_rest(problem((), [rests]), options, progress)
         options = replace(options, most=1) if interrupted else options
-    values = swinging(problem((), fit), values)
-    linear = solve(problem((), fit), values, options.most, _COMPARED, partial(progress, "linear"))
+    values = swinging(problem((), fit), values, options.executor)
+    told, fitting = partial(progress, "linear"), partial(solve, executor=options.executor)
+    linear = fitting(problem((), fit), values, options.most, _COMPARED, told)
     check_numbers(problem((), fit), linear)
     expected = residual_errors(problem((), fit), linear.values)
 
@@ -194,7 +199,7 @@ def identify(
         most = min(_FULL if in_full else _FEW, options.most)
         try:
             told, cases = partial(progress, name), problem(laws, fit)
-            found = solve(cases, begin, most, _COMPARED, told, secant=not in_full)
+            found = fitting(cases, begin, most, _COMPARED, told, secant=not in_full)
             own = squares(held, problem(laws, held).prediction_errors(found.values), moved)
         except (ModelError, ConfigError):
             return None
@@ -247,7 +252,8 @@ def _at_rest(
     for k in range(options.starts):
         start = problem.value(own * draw.normal(0.0, 0.5, len(numbers)) * (k > 0))
         try:
-            found.append(solve(problem, start, options.most, progress=partial(progress, "rest")))
+            told = partial(progress, "rest")
+            found.append(solve(problem, start, options.most, progress=told, executor=options.executor))
         except (ModelError, ConfigError):
             if k == 0 and options.starts == 1:
                 raise
@@ -269,7 +275,7 @@ def _determined(
     while True:
         told, again = partial(progress, "all data"), bool(kept)
         # What is taken out was open, so the others hardly move.
-        solution = solve(problem, start, options.most, _LAST, told, secant=again)
+        solution = solve(problem, start, options.most, _LAST, told, secant=again, executor=options.executor)
         if solution.interrupted or options.most == 1:  # Ctrl-C: no search any more
             break
         open_ = not_determined(problem, solution)
@@ -281,7 +287,7 @@ def _determined(
         start = {k: v for k, v in solution.values.items() if k not in kept}
     if not kept:
         return solution, certainty(problem, solution), kept
-    last = evaluated(whole, {**problem.fixed, **solution.values})
+    last = evaluated(whole, {**problem.fixed, **solution.values}, options.executor)
     return last, certainty(whole, last), kept
 
 

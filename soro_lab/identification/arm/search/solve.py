@@ -9,6 +9,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import SoroError
+from soro_core.jobs import Executor, given_or_threads
 from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.case import ArmMotion, clock
 from soro_lab.identification.arm.cases.initial_conditions import is_of_run
@@ -56,6 +57,7 @@ def solve(
     tolerance: float = 1e-5,
     progress: Callable[[float], None] = lambda cost: None,
     secant: bool = False,
+    executor: Executor | None = None,
 ) -> FitSolution:
     """Find the most likely numbers: soft least squares over all rows, and the prior.
 
@@ -72,6 +74,8 @@ def solve(
         Called with the least cost so far after each simulation of all cases.
     secant : bool
         Take derivatives once (`SearchSettings.secant`).
+    executor : Executor, optional
+        Computes derivatives; default threads on all cores.
 
     Raises
     ------
@@ -80,12 +84,13 @@ def solve(
     """
     low, high = problem.bounds
     x0 = np.clip(problem.position(start or {}), low + 1e-9, high - 1e-9)
-    return _searched(problem, x0, SearchSettings(most=most, tolerance=tolerance, secant=secant), progress)
+    settings = SearchSettings(most=most, tolerance=tolerance, secant=secant)
+    return _searched(problem, x0, settings, progress, executor)
 
 
-def evaluated(problem: Problem, values: Mapping[str, float]) -> FitSolution:
+def evaluated(problem: Problem, values: Mapping[str, float], executor: Executor | None = None) -> FitSolution:
     """Return the solution that given numbers are, without a search."""
-    return _searched(problem, np.clip(problem.position(values), *problem.bounds), None)
+    return _searched(problem, np.clip(problem.position(values), *problem.bounds), None, executor=executor)
 
 
 def _searched(
@@ -93,11 +98,13 @@ def _searched(
     x0: Array,
     settings: SearchSettings | None,
     progress: Callable[[float], None] = lambda cost: None,
+    executor: Executor | None = None,
 ) -> FitSolution:
     rows = _Rows(problem)
-    chosen = replace(settings or SearchSettings(), step=_STEP, squares=len(x0), scale=1.0, workers=None)
-    search = Search(rows.at, x0, rows.first(x0), problem.bounds, chosen, progress, rows.beside)
-    found = search.run() if settings else search.here()
+    with given_or_threads(executor) as used:
+        chosen = replace(settings or SearchSettings(), step=_STEP, squares=len(x0), scale=1.0, executor=used)
+        search = Search(rows.at, x0, rows.first(x0), problem.bounds, chosen, progress, rows.beside)
+        found = search.run() if settings else search.here()
     own = slice(0, len(found.residuals) - len(x0))
     return FitSolution(
         problem.value(found.x),

@@ -184,7 +184,7 @@ def is_refused(number: int) -> bool:
         control = with_changes(scene.controller, probe_at_enable="refuse")
         try:
             for tick in ticks_of(with_changes(scene, controller=control)):
-                if tick.command.terms is not None:  # the law has begun
+                if tick.command is not None and tick.command.terms is not None:  # the law has begun
                     return False
         except SoroError:
             return True

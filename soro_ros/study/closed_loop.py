@@ -1,23 +1,25 @@
 """The loop of a scene in lockstep in this process, without ROS: what `soro run` computes, and its recording.
 
-The arm, the estimator, the controller and the limiter are the nodes' own, stepped in their order. Of a
-platform the response of its regulators is computed, not its devices and their bus: set points and readings
-are not rounded to what a device sends, and no fault of one can be injected.
+Arm, estimator, controller and limiter are those of the nodes, stepped in their order at their times. Of a
+platform the response of its regulators is computed, not its devices and their bus.
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.config import with_changes
+from soro_core.control import Command
+from soro_core.control.probing.stamps import StampedPosition
 from soro_core.control.reference_feasibility import check_reach
 from soro_core.errors import ConfigError, SoroError
-from soro_core.loop import Tick
+from soro_core.estimation import Estimate, ImuSample, PoseSample
+from soro_core.loop import certainty_of
 from soro_core.robot import Robot
 from soro_core.safety import Limiter
 from soro_core.twin import Observation, Twin, TwinState
@@ -29,57 +31,21 @@ from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
 from soro_ros.run.end import End
 from soro_ros.status_words import NO_COMMAND, NO_ESTIMATE, add_prefix
 
-
-class LimitedTwin:
-    """The twin of a scene behind the limiter: a command acts a tick after the tick that it answers.
-
-    Parameters
-    ----------
-    scene : Scene
-    plant : Robot, optional
-        The true robot, in place of what the scene says.
-    """
-
-    def __init__(self, scene: Scene, plant: Robot | None = None) -> None:
-        changes: dict[str, Any] = {"pressures": "regulators", "plant_link": "", "fault_link": ""}
-        if scene.loaded_platform is not None:
-            changes["regulator"] = scene.loaded_platform.regulator
-        if plant is not None:
-            changes["plant"] = ""
-        config = with_changes(scene.twin_node(), **changes)
-        self._twin = Twin(scene.loaded_robot if plant is None else plant, config)
-        self.dt = self._twin.dt
-        self.limiter = Limiter(scene.limits, scene.loaded_robot.chamber_names, config.regulator)
-        self._period_ns = round(1e9 * self.dt)
-        self._answers: deque[Array | None] = deque()
-
-    def initial(self) -> TwinState:
-        """Return the state at the first tick."""
-        return self._twin.initial()
-
-    def observe(self, state: TwinState) -> tuple[TwinState, Observation]:
-        """Sample the sensors; called once a tick."""
-        state, seen = self._twin.observe(state)
-        self._reading_pa = seen.reading_pa
-        return state, seen
-
-    def take(self, tick: Tick[TwinState, Observation]) -> None:
-        """Take the command of a tick, if it has one; called once a tick."""
-        self._answers.append(tick.command.setpoint_pa if tick.command.status.ok else None)
-
-    def step_setpoints(self, state: TwinState, setpoint_pa: Array) -> TwinState:
-        """Advance by one tick with the commands that were taken, behind the limiter."""
-        now_ns = state.tick * self._period_ns
-        command = self._answers.popleft() if state.tick > 0 else None
-        if command is not None:
-            self.limiter.offer(command, now_ns - self._period_ns, now_ns, "controller")
-        self.limiter.slew(now_ns)
-        self.limiter.judge(self._reading_pa, True, now_ns)
-        return self._twin.step_setpoints(state, self.limiter.state.setpoint_pa)
+Sample = TypeVar("Sample", PoseSample, ImuSample)
 
 
-def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[Tick[TwinState, Observation]]:
-    """Run the loop of a scene in lockstep; it ends early when the limiter has vented.
+class RunTick(NamedTuple):
+    """A tick: time since the first estimate [s], plant, sensors, estimate, and the answer of the law."""
+
+    t_s: float
+    plant: TwinState
+    seen: Observation
+    estimate: Estimate
+    command: Command | None
+
+
+def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
+    """Run the loop of a scene in lockstep; a command passes the limiter a tick after what it answers.
 
     Parameters
     ----------
@@ -94,18 +60,66 @@ def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[Tick[TwinStat
     SoroError
         If the arm has no further step, the probe refuses it, or the limiter vents.
     """
-    node = "regulator" if scene.platform else "twin"
-    twin, loop = LimitedTwin(scene, plant), loop_of(scene)
+    changes: dict[str, Any] = {"pressures": "regulators", "plant_link": "", "fault_link": ""}
+    if scene.loaded_platform is not None:
+        changes["regulator"] = scene.loaded_platform.regulator
+    if plant is not None:
+        changes["plant"] = ""
+    config, loop = with_changes(scene.twin_node(), **changes), loop_of(scene)
+    twin, controller = Twin(plant or scene.loaded_robot, config), loop.controller
     if (reach := scene.controller_node().reach) > 0.0:
-        check_reach(loop.controller, reach)
-    for tick in loop.run(twin, round(scene.duration_s * scene.rate_hz), twin.dt, before_s=-twin.dt):
-        twin.take(tick)
-        yield tick
-        command = tick.command
-        if command.status.ok and command.terms is None and not command.status.note.startswith("probing"):
-            raise SoroError(f"controller: {command.status.note}")
-        if twin.limiter.cause is not None:
-            raise SoroError(f"{node}: vented: {twin.limiter.cause}")
+        check_reach(controller, reach)
+    limiter = Limiter(scene.limits, scene.loaded_robot.chamber_names, config.regulator)
+    period_ns, first = round(1e9 * twin.dt), 0
+    state, seen = twin.observe(twin.initial())
+    # The first tick has no estimate.
+    estimated = loop.estimator.initial_state(0.0, pressure_pa=seen.reading_pa)
+    controlled, learned = controller.initial_state(), None
+    due: Command | None = None
+    answer: Command | None = None
+    for k in range(round(scene.duration_s * scene.rate_hz)):
+        if due is not None and due.status.ok:
+            limiter.offer(due.setpoint_pa, (k - 1) * period_ns, k * period_ns, "controller")
+        limiter.slew(k * period_ns)
+        limiter.judge(seen.reading_pa, True, k * period_ns)
+        if limiter.cause is not None:
+            raise SoroError(f"{'regulator' if scene.platform else 'twin'}: vented: {limiter.cause}")
+        state = twin.step_setpoints(state, limiter.state.setpoint_pa)
+        if not state.status.ok:
+            raise SoroError(f"twin: the twin stopped at {(k + 1) * twin.dt:.3f} s: {state.status}")
+        state, seen = twin.observe(state)
+        now_s = 1e-9 * ((k + 1) * period_ns)
+        poses, imus = _stamped(seen.poses), _stamped(seen.imus)
+        estimated, estimate = loop.estimator.step(
+            estimated, seen.reading_pa, poses, imus, now_s - estimated.t_s, learned
+        )
+        due, answer, learned = answer, None, None
+        if estimate.status.ok:
+            first = first or k + 1
+            t_s = 1e-9 * ((k + 1 - first) * period_ns)
+            places = [
+                StampedPosition(p.sensor, p.stamp_s - 1e-9 * first * period_ns, p.position) for p in poses
+            ]
+            controlled, answer = controller.step(
+                controlled,
+                estimate.q,
+                estimate.qd,
+                t_s,
+                1e-9 * period_ns,
+                seen.reading_pa,
+                None,
+                certainty_of(estimate),
+                seen=places if controlled.probe is not None else [],
+            )
+            learned = answer.learned
+        yield RunTick(1e-9 * ((k + 1 - (first or k + 1)) * period_ns), state, seen, estimate, answer)
+        if controlled.probe is not None and controlled.probe.done:
+            raise SoroError(f"controller: {controlled.probe.refusal}")
+
+
+def _stamped(samples: Sequence[Sample]) -> list[Sample]:
+    """Return samples with the time of their messages, whole nanoseconds."""
+    return [replace(one, stamp_s=1e-9 * round(1e9 * one.stamp_s)) for one in samples]
 
 
 def plant_of(scene: Scene) -> Robot:
@@ -142,26 +156,23 @@ class _Recorder:
         self._said = list[NodeStatus]()
         self._last = {"controller": "", "estimator": ""}
 
-    def take(self, tick: Tick[TwinState, Observation]) -> None:
+    def take(self, tick: RunTick) -> None:
         """Note a tick."""
         command, estimate = tick.command, tick.estimate
-        rows = {
-            "true_tip": tick.seen.tip[:3, 3],
-            "true_state": tick.plant.arm.q,
-            "reading": tick.seen.reading_pa,
-        }
+        rows = {"true_tip": tick.seen.tip[:3, 3], "true_state": tick.plant.arm.q}
+        rows["reading"] = tick.seen.reading_pa
         if estimate.status.ok:
             rows |= {"estimated_tip": estimate.tip_pose[:3, 3], "estimated_state": estimate.q}
-        if command.status.ok:
+        if command is not None and command.status.ok:
             rows["command"] = command.setpoint_pa
             if command.terms is not None:  # the law has begun
                 rows["wanted_tip"] = command.tip_reference[:3, 3]
         for name, row in rows.items():
             self._rows.setdefault(name, []).append((tick.t_s, np.array(row)))
-        now = {
-            "controller": add_prefix(NO_COMMAND, command.status.message) or command.status.note,
-            "estimator": add_prefix(NO_ESTIMATE, estimate.status.message) or estimate.status.note,
-        }
+        now = {"estimator": add_prefix(NO_ESTIMATE, estimate.status.message) or estimate.status.note}
+        now["controller"] = NO_COMMAND
+        if command is not None:
+            now["controller"] = add_prefix(NO_COMMAND, command.status.message) or command.status.note
         changed = [(node, text) for node, text in now.items() if text != self._last[node]]
         self._said += [NodeStatus(tick.t_s, node, int(bool(text)), text) for node, text in changed]
         self._last = now

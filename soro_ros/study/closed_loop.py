@@ -23,7 +23,6 @@ from soro_core.loop import certainty_of
 from soro_core.robot import Robot
 from soro_core.safety import Limiter
 from soro_core.twin import Observation, Twin, TwinState
-from soro_core.twin.config import described_plant
 from soro_lab.scene import Scene
 from soro_lab.scene.loop import loop_of
 from soro_ros.recordings.events import Event, NodeStatus
@@ -120,11 +119,6 @@ def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
 def _stamped(samples: Sequence[Sample]) -> list[Sample]:
     """Return samples with the time of their messages, whole nanoseconds."""
     return [replace(one, stamp_s=1e-9 * round(1e9 * one.stamp_s)) for one in samples]
-
-
-def plant_of(scene: Scene) -> Robot:
-    """Return the robot whose file describes the true arm."""
-    return described_plant(scene.loaded_robot, scene.twin_node())
 
 
 def run_in_process(scene: Scene, plant: Robot | None = None) -> tuple[RunRecording, End]:

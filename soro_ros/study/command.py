@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from contextlib import closing
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
@@ -15,6 +15,9 @@ from rich.table import Table
 from soro_core.extras import require
 from soro_hardware import signals
 from soro_lab.scene.options import Change, SceneName, given_keys
+
+if TYPE_CHECKING:
+    from soro_ros.study.folder import StudyFolder
 
 
 def study(
@@ -37,15 +40,14 @@ def study(
     130: interrupted.
     """
     from soro_core.jobs import executor_of, map_jobs
-    from soro_ros.study.folder import StudyFolder, asked
+    from soro_ros.study.folder import StudyFolder
     from soro_ros.study.runs import VariedScene, row_of
 
     require("parquet")
     console = Console(stderr=True)
     with signals.noted() as interrupted, executor_of(jobs, dask) as executor:
         varied = VariedScene(scene, given_keys(change or []), str(vary))
-        keys = list(varied.file.vary)
-        folder = StudyFolder(out or Path("study") / f"{Path(scene).stem}-{vary.stem}", asked(varied))
+        folder = StudyFolder(out or Path("study") / f"{Path(scene).stem}-{vary.stem}", varied)
         total, before = varied.file.runs, len(folder.rows)
         if before:
             console.print(f"{before} of {total} runs are done already")
@@ -60,31 +62,36 @@ def study(
     if not folder.rows:
         console.print("interrupted: no run is done yet")
         raise typer.Exit(130)
-    _write(folder, keys)
+    _write(folder, list(varied.file.vary))
     if len(folder.rows) < total:
         console.print(f"interrupted: {len(folder.rows)} of {total} runs are done; the same command goes on")
         raise typer.Exit(130)
 
 
-def _write(folder: Any, keys: list[str]) -> None:
+def _write(folder: StudyFolder, keys: list[str]) -> None:
     """Write table, summary and picture of the rows that are done, and print the summary."""
     from soro_ros.study.pictures import draw
-    from soro_ros.study.summary import SHOWN, Interval95, summary_of
+    from soro_ros.study.summary import (
+        LEVEL,
+        SHOWN,
+        STATISTICS,
+        WORDS,
+        bootstrapped,
+        figure,
+        share,
+        summary_of,
+    )
 
-    rows = folder.in_order
-    found = summary_of(rows, keys)
+    rows, screen = folder.in_order, Console()
     written = [folder.write_table(keys), folder.path / "summary.json", folder.path / "study.png"]
-    written[1].write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    written[1].write_text(json.dumps(summary_of(rows, keys), indent=1) + "\n", encoding="utf-8")
     draw(rows, keys, written[2])
-    shown = Table(title=f"{found['runs']} runs; in brackets {100 * found['level']:g} % confidence intervals")
-    for column in ("", "mean", "median", "95 % below"):
-        shown.add_column(column)
-    for name, one in found["figures"].items():
-        texts = (str(Interval95(**one[kind])) for kind in ("mean", "median", "95 % below"))
-        shown.add_row(f"{SHOWN[name][0]}, {one['unit']}", *texts)
-    screen = Console()
+    shown = Table("", *STATISTICS, title=f"{len(rows)} runs, with {100 * LEVEL:g} % confidence intervals")
+    for name, (text, _, unit) in SHOWN.items():
+        if len(values := figure(rows, name)):
+            shown.add_row(f"{text}, {unit}", *(str(bootstrapped(values, of)) for of in STATISTICS.values()))
     screen.print(shown)
-    for word, one in found["verdicts"].items():
-        share = Interval95(**{end: 100.0 * value for end, value in one.items()})
-        screen.print(f"{word}: {share} % of the runs", highlight=False)
+    for word in WORDS:
+        if count := sum(row["verdict"] == word for row in rows):
+            screen.print(f"{word}: {share(count, len(rows), 100.0)} % of the runs", highlight=False)
     screen.print(f"written: {', '.join(map(str, written))}", soft_wrap=True, highlight=False)

@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 from soro_core._jit import compiling_once
 from soro_core.config import find_config, load
 from soro_core.errors import ConfigError, SoroError
 from soro_core.robot import Robot
+from soro_core.twin.config import described_plant
 from soro_lab.scene import Scene, check_gains, check_scene, load_scene
 from soro_ros.recordings import report
 from soro_ros.recordings.verdict import judge
 from soro_ros.run.end import End
-from soro_ros.study.closed_loop import plant_of, run_in_process, ticks_of
-from soro_ros.study.variations import PLANT, ROBOT, StudyFile, robot_value, scene_value
+from soro_ros.study.closed_loop import run_in_process, ticks_of
+from soro_ros.study.variations import StudyFile, robot_value
 
 FIGURES = (
     "duration_s",
@@ -29,24 +34,15 @@ FIGURES = (
     "saturated_part",
     "saturated_last_part",
 )
-"""Columns of the table that `soro run` has in its summary too; behind them `verdict` and `reason`."""
-_WARM_TICKS = 4
+"""Columns of the table that the summary of `soro run` has too; behind them `verdict` and `reason`."""
+_NO_DEVICES = "none: faults of devices need soro run; without devices: payload, sensors, robot.* and plant.*"
 
 
 @dataclass(frozen=True)
 class StudyJob:
-    """One run.
+    """One run: its values by key, its scene with what the files say, and the true robot, if that varies.
 
-    Attributes
-    ----------
-    number : int
-    values : mapping of str to object
-        Of the keys that vary, as its row has them.
-    scene : Scene or None
-        With robot and platform; None where it is refused.
-    plant : Robot or None
-        The true robot; None for that of the scene.
-    refusal : str
+    Without a scene it is refused, for the reason `refusal`.
     """
 
     number: int
@@ -76,20 +72,18 @@ class VariedScene:
 
     def __init__(self, name: str, changes: Mapping[str, Any], file: str) -> None:
         self._name, self._changes = name, {**changes, "mode": "lockstep"}
-        self.where = str(find_config(name, "scenes"))
         self.file = load(file, StudyFile)
         for key, one in self.file.vary.items():
-            if key == "faults" or key.startswith(("faults.", "faults[")):
-                names = [fault.get("fault") for fault in _mappings(one.listed)]
-                raise ConfigError(file, f"vary.{key}", ", ".join(map(str, names)), _NO_DEVICES)
-            if key in _FIXED:
-                raise ConfigError(file, f"vary.{key}", "a key that varies", _FIXED[key])
+            if key == "mode":
+                raise ConfigError(file, "vary.mode", one.listed, "lockstep alone: a study has no deadlines")
+            if re.match(r"faults\b", key):
+                raise ConfigError(file, f"vary.{key}", one.listed, _NO_DEVICES)
         self.scene = self._loaded({})
-        if self.scene.faults:
-            raise ConfigError(self.where, "faults", ", ".join(map(str, self.scene.faults)), _NO_DEVICES)
-        if self.scene.valves == "real" or self.scene.arm == "real":
-            raise ConfigError(self.where, "valves", "real", "emulated: a study has no devices")
-        self._check(file)
+        first = self.file.values(0)
+        self._check(first)
+        for key, one in self.file.vary.items():
+            for value in one.listed:
+                self._check({**first, key: value})
 
     def jobs(self, known: Mapping[int, object]) -> Iterator[StudyJob]:
         """Yield the runs that are not known."""
@@ -102,33 +96,30 @@ class VariedScene:
                     yield StudyJob(number, values, None, refusal=str(error))
 
     def job(self, number: int, values: Mapping[str, Any]) -> StudyJob:
-        """Return a run with values of `StudyFile.values`.
+        """Return a run with values of `StudyFile.values`; raises ConfigError if one is not allowed."""
+        kinds: dict[str, dict[str, tuple[str, Any]]] = {"": {}, "robot.": {}, "plant.": {}}
+        for key, value in values.items():
+            kind = key[:6] if key[:6] in kinds else ""
+            kinds[kind][key.removeprefix(kind)] = (key, value)
 
-        Raises
-        ------
-        ConfigError
-            If one of them is not allowed.
-        """
-        of_robot, of_plant, of_scene = {}, {}, {}
-        for key, value in values.items():
-            if not key.startswith((ROBOT, PLANT)):
-                of_scene[key] = self.file.scaled(key, value, lambda key: scene_value(self.scene, key))
-        scene = self._loaded(of_scene)
-        robot = scene.loaded_robot
-        for key, value in values.items():
-            if key.startswith(ROBOT):
-                path = key.removeprefix(ROBOT)
-                of_robot[path] = self.file.scaled(key, value, lambda _: robot_value(robot, path))  # noqa: B023
-        if of_robot:
-            scene = scene.with_robot(robot.with_(of_robot))
-        if not any(key.startswith(PLANT) for key in values):
+        def of(robot: Robot, kind: str) -> Robot:
+            paths = {p: self.file.scaled(*given, robot_value(robot, p)) for p, given in kinds[kind].items()}
+            return robot.with_(paths) if paths else robot
+
+        scene = self._loaded({k: self.file.scaled(*given, self._there(k)) for k, given in kinds[""].items()})
+        if kinds["robot."]:
+            scene = scene.with_robot(of(scene.loaded_robot, "robot."))
+        if not kinds["plant."]:
             return StudyJob(number, values, scene)
-        plant = plant_of(scene)
-        for key, value in values.items():
-            if key.startswith(PLANT):
-                path = key.removeprefix(PLANT)
-                of_plant[path] = self.file.scaled(key, value, lambda _: robot_value(plant, path))  # noqa: B023
-        return StudyJob(number, values, scene, plant.with_(of_plant))
+        return StudyJob(
+            number, values, scene, of(described_plant(scene.loaded_robot, scene.twin_node()), "plant.")
+        )
+
+    def _there(self, key: str) -> Any:
+        value: Any = self.scene.to_dict()
+        for part in key.split("."):
+            value = value.get(part) if isinstance(value, Mapping) else None
+        return value
 
     def _loaded(self, changes: Mapping[str, Any]) -> Scene:
         scene = load_scene(self._name, {**self._changes, **changes})
@@ -140,71 +131,43 @@ class VariedScene:
         scene.loaded_robot, scene.loaded_platform  # noqa: B018
         return scene
 
-    def _check(self, file: str) -> None:
-        """Refuse the first run, and each value that is listed, or bounds what is drawn, beside it."""
-        first = self.file.values(0)
-        for key, one in (("", None), *self.file.vary.items()):
-            for value in one.listed if one is not None else (None,):
-                job = self.job(0, first if one is None else {**first, key: value})
-                assert job.scene is not None
-                try:
-                    check_scene(job.scene, self.where)
-                    check_gains(job.scene, job.scene.loaded_robot, self.where)
-                except ConfigError as error:
-                    allowed = f"{error.allowed} (with {key} {value})" if key else error.allowed
-                    raise ConfigError(error.where, error.key, error.got, allowed) from None
-
-
-_NO_DEVICES = "none: faults of devices need soro run; without devices: payload, sensors, robot.* and plant.*"
-_FIXED = {
-    "mode": "lockstep alone: a study has no deadlines",
-    "valves": "emulated alone: a study has no devices",
-    "device": "none: a study has no devices",
-    "arm": "simulated alone: a study has no devices",
-}
-
-
-def _mappings(values: Any) -> Iterator[Mapping[str, Any]]:
-    """Yield the mappings in values that may be lists."""
-    for value in values if isinstance(values, list | tuple) else [values]:
-        if isinstance(value, Mapping):
-            yield value
-        elif isinstance(value, list | tuple):
-            yield from _mappings(value)
+    def _check(self, values: Mapping[str, Any]) -> None:
+        scene, where = self.job(0, values).scene, str(find_config(self._name, "scenes"))
+        assert scene is not None
+        if scene.faults:
+            raise ConfigError(where, "faults", ", ".join(map(str, scene.faults)), _NO_DEVICES)
+        if scene.valves == "real":
+            raise ConfigError(where, "valves", "real", "emulated: a study has no devices")
+        check_scene(scene, where)
+        check_gains(scene, scene.loaded_robot, where)
 
 
 def row_of(job: StudyJob) -> dict[str, Any]:
     """Run a job; return its row: number, values, and figures and verdict as `soro run` has them."""
-    figures: dict[str, Any] = dict.fromkeys(FIGURES)
-    row = {"run": job.number, **job.values, **figures}
+    row = {"run": job.number, **job.values, **dict.fromkeys(FIGURES)}
     if job.scene is None:
         return {**row, "verdict": "refused", "reason": job.refusal}
+    recording = summary = None
     try:
-        check_scene(job.scene, "scene")
-        check_gains(job.scene, job.scene.loaded_robot, "scene")
+        check_scene(job.scene, job.scene.name)
+        check_gains(job.scene, job.scene.loaded_robot, job.scene.name)
         _warm_up(job.scene)
         recording, end = run_in_process(job.scene, job.plant)
         summary = report.summarise(recording, job.scene)
     except ConfigError as error:
-        recording, end, summary = None, End(2, str(error)), None
+        end = End(2, str(error))
     verdict = judge(summary, job.scene, end, recording)
-    if summary is not None:
-        row |= {name: getattr(summary, name) for name in FIGURES}
+    figures = {name: getattr(summary, name, math.nan) for name in FIGURES}
+    row |= {name: value for name, value in figures.items() if math.isfinite(value)}
     return {**row, "verdict": verdict.word, "reason": verdict.reason}
 
 
-_warmed = False
+_warmed: list[bool] = []
 
 
 def _warm_up(scene: Scene) -> None:
     """Load or compile the kernels of the first run of this process, one process at a time."""
-    global _warmed
-    if _warmed:
-        return
-    _warmed = True
-    with compiling_once():
-        try:
-            for _, _ in zip(range(_WARM_TICKS), ticks_of(scene), strict=False):
-                pass
-        except SoroError:  # the run itself says so
-            pass
+    if not _warmed:
+        _warmed.append(True)
+        with compiling_once(), contextlib.suppress(SoroError):  # the run itself says so
+            list(islice(ticks_of(scene), 4))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import re
 import zlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import cached_property
 from typing import Annotated, Any
 
@@ -15,10 +15,7 @@ from pydantic import Field, model_validator
 from soro_core.config import Strict
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot
-from soro_lab.scene import Scene
 
-ROBOT, PLANT = "robot.", "plant."
-# Most runs of a study.
 MOST_RUNS = 1_000_000
 _Pair = Annotated[tuple[float, float] | None, Field(strict=False)]
 _Values = Annotated[tuple[Any, ...] | None, Field(strict=False, min_length=1)]
@@ -26,7 +23,7 @@ _STEP = re.compile(r"\.?([A-Za-z_]\w*)|\[(\d+)\]")
 
 
 class Variation(Strict):
-    """How one key varies: one of these."""
+    """How one key varies: one of these, of `scale` as factors."""
 
     uniform: _Pair = Field(None, description="evenly between two numbers")
     normal: _Pair = Field(None, description="mean and standard deviation")
@@ -49,67 +46,45 @@ class Variation(Strict):
 
     @model_validator(mode="after")
     def _one(self) -> Variation:
-        if len(self.model_fields_set) != 1 or self._given[1] is None:
+        given = [(name, value) for name, value in self if value is not None]
+        if len(given) != 1:
             raise ValueError("one of " + ", ".join(type(self).model_fields) + ", with its values")
-        name, given = self._given
-        if name in ("uniform", "integers") and given[0] > given[1]:
+        ((name, value),) = given
+        if name in ("uniform", "integers") and value[0] > value[1]:
             raise ValueError(f"{name}: the lower end first")
-        if name in ("normal", "lognormal") and given[1] < 0.0:
-            raise ValueError(f"{name}: a standard deviation of 0 or more")
-        if name == "lognormal" and given[0] <= 0.0:
-            raise ValueError("lognormal: a median above 0")
-        if name == "scale" and self.numbers is None:
-            raise ValueError(
-                "scale: two numbers, or one of uniform, normal, lognormal, choice, grid of numbers"
-            )
+        if name in ("normal", "lognormal") and (value[1] < 0.0 or (name == "lognormal" and value[0] <= 0.0)):
+            raise ValueError(f"{name}: a standard deviation of 0 or more, and a median above 0")
+        if name == "scale" and not all(is_number(factor) for factor in value.listed):
+            raise ValueError("scale: two numbers, or uniform, normal, lognormal, choice or grid of numbers")
         return self
-
-    @property
-    def _given(self) -> tuple[str, Any]:
-        name = next(iter(self.model_fields_set))
-        return name, getattr(self, name)
-
-    @property
-    def numbers(self) -> Variation | None:
-        """The variation of the factor; None where it does not give numbers."""
-        inner = self.scale
-        if inner is None or inner.scale is not None:
-            return None
-        listed = (inner.choice or ()) + (inner.grid or ())
-        return inner if all(_is_number(value) for value in listed) else None
 
     @property
     def listed(self) -> tuple[Any, ...]:
         """Values that are listed, or that bound and centre what is drawn."""
-        name, given = self._given
-        if name == "scale":
-            assert self.scale is not None
+        if self.scale is not None:
             return self.scale.listed
-        return tuple(given[:1] if name in ("normal", "lognormal") else given)
+        middle = self.normal or self.lognormal
+        return middle[:1] if middle else self.uniform or self.integers or self.choice or self.grid or ()
 
     @property
     def on_grid(self) -> tuple[Any, ...]:
         """Values of a grid; () of what is drawn."""
-        return self.grid or (self.scale.grid if self.scale is not None else None) or ()
+        return self.grid or (self.scale.on_grid if self.scale is not None else ())
 
     def drawn(self, rng: np.random.Generator, count: int) -> list[Any]:
-        """Return values that are drawn, of a scale the factors; the first ones do not depend on the count."""
+        """Return values that are drawn; the first ones do not depend on the count."""
         if self.scale is not None:
             return self.scale.drawn(rng, count)
-        name, given = self._given
-        if name == "choice":
-            return [given[k] for k in rng.integers(len(given), size=count)]
-        first, second = given
-        if name == "integers":
-            return list(rng.integers(first, second, size=count, endpoint=True).tolist())
-        if name == "uniform":
-            return list(rng.uniform(first, second, size=count).tolist())
-        z = rng.standard_normal(count)
-        return list((first + second * z if name == "normal" else first * np.exp(second * z)).tolist())
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        if self.choice is not None:
+            return [self.choice[k] for k in rng.integers(len(self.choice), size=count)]
+        if self.integers is not None:
+            return list(rng.integers(*self.integers, size=count, endpoint=True).tolist())
+        if self.uniform is not None:
+            low, high = self.uniform
+            return list(rng.uniform(low, high, size=count).tolist())
+        z, (middle, deviation) = rng.standard_normal(count), self.normal or self.lognormal or (0.0, 0.0)
+        values = middle + deviation * z if self.normal else middle * np.exp(deviation * z)
+        return list(values.tolist())
 
 
 class StudyFile(Strict):
@@ -130,14 +105,9 @@ class StudyFile(Strict):
         return self
 
     @property
-    def grids(self) -> dict[str, tuple[Any, ...]]:
-        """Values of each key on a grid."""
-        return {key: one.on_grid for key, one in self.vary.items() if one.on_grid}
-
-    @property
     def runs(self) -> int:
         """Number of runs."""
-        return self.samples * math.prod(len(values) for values in self.grids.values())
+        return self.samples * math.prod(len(one.on_grid) or 1 for one in self.vary.values())
 
     @cached_property
     def _draws(self) -> dict[str, list[Any]]:
@@ -149,43 +119,29 @@ class StudyFile(Strict):
         }
 
     def values(self, run: int) -> dict[str, Any]:
-        """Return the value of each key in a run, of a scale the factor.
-
-        Grids change from run to run, so that each combination meets the same draws.
-        """
+        """Return the value of each key in a run, of a scale the factor; grids change first."""
         sample, place = divmod(run, self.runs // self.samples)
-        found = {key: values[sample] for key, values in self._draws.items()}
-        for key, values in self.grids.items():
-            place, at = divmod(place, len(values))
-            found[key] = values[at]
-        return {key: found[key] for key in self.vary}
+        found = {}
+        for key, one in self.vary.items():
+            if one.on_grid:
+                place, at = divmod(place, len(one.on_grid))
+            found[key] = one.on_grid[at] if one.on_grid else self._draws[key][sample]
+        return found
 
-    def scaled(self, key: str, value: Any, base: Callable[[str], Any]) -> Any:
-        """Return a value of a key, or that which is there times the value.
-
-        Parameters
-        ----------
-        key : str
-        value : object
-            Of `values`.
-        base : callable
-            Gives what is there, by key.
-        """
+    def scaled(self, key: str, value: Any, there: Any) -> Any:
+        """Return a value of a key; of a scale, what is there, a number or a list of them, times the value."""
         if self.vary[key].scale is None:
             return value
-        there = base(key)
-        many = isinstance(there, list | tuple)
-        if not all(_is_number(one) for one in (there if many else [there])):
+        numbers = list(there) if isinstance(there, list | tuple) else [there]
+        if not all(is_number(one) for one in numbers):
             raise ConfigError("--vary", key, there, "a key with a number, or numbers, to scale")
-        return [one * value for one in there] if many else there * value
+        found = [one * value for one in numbers]
+        return found if isinstance(there, list | tuple) else found[0]
 
 
-def scene_value(scene: Scene, key: str) -> Any:
-    """Return the value of a key of a scene."""
-    value: Any = scene.to_dict()
-    for part in key.split("."):
-        value = value.get(part) if isinstance(value, Mapping) else None
-    return value
+def is_number(value: Any) -> bool:
+    """Whether a value is a finite number."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def robot_value(robot: Robot, path: str) -> Any:

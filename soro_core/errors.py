@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+<<<<<<< HEAD
 from collections.abc import Callable
+=======
+from collections.abc import Iterable
+from difflib import get_close_matches
+>>>>>>> main
 from pathlib import Path
 
 # Largest number of characters of the found value in an error.
@@ -136,3 +141,9 @@ def short(value: object) -> str:
     """Return what was found as part of one line."""
     text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the end of a line that asks whether one of the known names is meant; "" where none is near."""
+    found = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {found[0]}?" if found else ""

@@ -63,3 +63,9 @@ def bag_and_scene(run: Path) -> tuple[Path, Path]:
             if (folder / name).exists():
                 return bag_of(run), folder / name
     raise BagError(f"{run}: neither {' nor '.join(_SCENES)}, so that the robot is not known")
+
+
+def run_folders(incomplete: str) -> list[str]:
+    """Complete the folder of a run in a shell, the newest first; without one, the shell offers files."""
+    folders = [folder for folder in Path("runs").glob("*/") if str(folder).startswith(incomplete)]
+    return [str(folder) for folder in sorted(folders, key=lambda folder: -folder.stat().st_mtime)]

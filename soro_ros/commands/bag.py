@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from soro_core.errors import BagError, ConfigError, SoroError
-from soro_lab.run_folder import bag_of
+from soro_lab.run_folder import bag_of, run_folders
 
 if TYPE_CHECKING:
     from soro_lab.bag import BagReader, PartRepair, Qos
@@ -21,7 +21,9 @@ app = typer.Typer(no_args_is_help=True)
 BAG_HELP = "Folder of a bag (rosbag2) or of a run, or a single .mcap or .db3 file."
 # Most topics, files, attachments, metadata records and own data that are shown.
 _MOST_ROWS = 1000
-Bag = Annotated[Path, typer.Argument(help=BAG_HELP, exists=True, show_default=False)]
+Bag = Annotated[
+    Path, typer.Argument(help=BAG_HELP, exists=True, show_default=False, autocompletion=run_folders)
+]
 
 
 @app.command("info")

@@ -9,6 +9,8 @@ from typing import Annotated, Any
 import typer
 
 from soro_core.errors import BagError, ConfigError
+from soro_core.files.units import unit_option
+from soro_lab.run_folder import run_folders
 
 
 def play(
@@ -18,16 +20,17 @@ def play(
             help="Folder of a bag (rosbag2), or a single .mcap or .db3 file.",
             exists=True,
             show_default=False,
+            autocompletion=run_folders,
         ),
     ],
     rate: Annotated[
         float, typer.Option(help="Times faster than recorded; 0: as fast as the readers take it.")
     ] = 1.0,
     start: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Offset into the bag at which to begin.")
+        float, unit_option("--start", "s", 0.0, example="0s", help="Offset into the bag at which to begin.")
     ] = 0.0,
     duration: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Recorded time to play; 0: to the end.")
+        float, unit_option("--duration", "s", 0.0, example="0s", help="Recorded time to play; 0: to the end.")
     ] = 0.0,
     topic: Annotated[
         list[str] | None,

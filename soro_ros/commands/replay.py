@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from soro_core.errors import BagError, ConfigError
-from soro_lab.run_folder import bag_and_scene
+from soro_lab.run_folder import bag_and_scene, run_folders
 from soro_lab.scene import load_scene
 from soro_lab.scene.options import given_keys
 
@@ -21,7 +21,11 @@ if TYPE_CHECKING:
 def replay(
     bag: Annotated[
         Path,
-        typer.Argument(help="Folder of a run in lockstep, of its bag, or one of bags/.", show_default=False),
+        typer.Argument(
+            help="Folder of a run in lockstep, of its bag, or one of bags/.",
+            show_default=False,
+            autocompletion=run_folders,
+        ),
     ],
     nodes: Annotated[
         str, typer.Option(metavar="NODE,...", help="Nodes to replay: estimator, controller, or both.")

@@ -8,8 +8,11 @@ from typing import Annotated
 
 import typer
 
+from soro_core.config import names_of
 from soro_core.errors import BagError, ConfigError
 from soro_core.extras import require
+from soro_core.files.units import unit_option
+from soro_lab.run_folder import run_folders
 
 PORT = 8080
 
@@ -21,6 +24,7 @@ def view(
             help="Folder of a run, of its bag, or one of bags/; without it, the arm that runs.",
             exists=True,
             show_default=False,
+            autocompletion=run_folders,
         ),
     ] = None,
     robot: Annotated[
@@ -28,6 +32,7 @@ def view(
         typer.Option(
             metavar="ROBOT",
             help="Robot file, or name of a shipped one; default: that of the run.",
+            autocompletion=names_of("robots"),
             show_default=False,
         ),
     ] = "",
@@ -38,9 +43,9 @@ def view(
     port: Annotated[
         int, typer.Option(min=1024, max=65535, help="Port on 127.0.0.1; the next free one if taken.")
     ] = PORT,
-    rate: Annotated[float, typer.Option(min=1.0, max=60.0, metavar="HZ", help="Pictures a second.")] = 20.0,
+    rate: Annotated[float, unit_option("--rate", "Hz", 1.0, 60.0, "20Hz", help="Of the pictures.")] = 20.0,
     trail: Annotated[
-        float, typer.Option(min=1.0, max=120.0, metavar="SECONDS", help="Length of trails and plots.")
+        float, unit_option("--trail", "s", 1.0, 120.0, "10s", help="Length of trails and plots.")
     ] = 10.0,
 ) -> None:
     """Show an arm in the browser: its shape, reference, pressures, faults, and buttons to act on it.

@@ -184,7 +184,7 @@ class TwinNode(SoroNode[TwinConfig]):
         elif frame.sequence == self._first.sequence + 1:
             cycle_ns = frame.time_ns - self._first.time_ns
             if abs(cycle_ns - self._period_ns) > 1:
-                allowed = f"{1e9 / cycle_ns:g}, the rate of the emulated valves (soro emulate --cycle-hz)"
+                allowed = f"{1e9 / cycle_ns:g}, the rate of the emulated valves (soro emulate --rate)"
                 raise ConfigError("parameters of twin", "rate_hz", self._config.rate_hz, allowed)
 
     def _release_air(self) -> None:

@@ -10,7 +10,6 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from soro_core.config import find_config, with_changes
-from soro_core.errors import BagError, ConfigError
 from soro_core.robot import load_robot
 from soro_core.twin.config import PayloadChanges
 from soro_lab.scene import load_scene
@@ -74,9 +73,9 @@ def test_three_bellows_lie_beside_one_another():
 
 @pytest.mark.slow
 def test_gif_and_png(tmp_path):
-    app, run = application(), ["film", str(BAG), "--start", "1", "--end", "1.4", "--width", "320"]
+    app, run = application(), ["plot", str(BAG), "--start", "1s", "--end", "1400ms", "--width", "320"]
     for name in ("film.gif", "film.png"):
-        result = CliRunner().invoke(app, [*run, "--out", str(tmp_path / name)])
+        result = CliRunner().invoke(app, [*run, "--film", str(tmp_path / name)])
         assert result.exit_code == 0, result.output
     with Image.open(tmp_path / "film.gif") as gif:
         assert (gif.size, gif.n_frames, gif.info["duration"]) == ((320, 180), 5, 100)
@@ -91,13 +90,19 @@ def test_gif_and_png(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "error"),
-    [(["--out", "film.avi"], ConfigError), (["--start", "1.99"], BagError)],
-    ids=["no such kind of file", "begins at the end of the run"],
+    ("options", "says"),
+    [
+        (["film.avi"], "--film"),
+        (["film.gif", "--start", "1.99"], BAG.name),
+        (["film.gif", "-t", "/arm/tip"], "--film"),
+    ],
+    ids=["no such kind of file", "begins at the end of the run", "another picture too"],
 )
-def test_what_cannot_be_drawn_is_refused(options, error):
-    result = CliRunner().invoke(application(), ["film", str(BAG), *options])
-    assert isinstance(result.exception, error)
+def test_what_cannot_be_drawn_is_refused(options, says):
+    result = CliRunner().invoke(application(), ["plot", str(BAG), "--film", *options])
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert says in line
 
 
 def test_the_load_is_that_of_the_time(shown):

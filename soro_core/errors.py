@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-<<<<<<< HEAD
-from collections.abc import Callable
-=======
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
->>>>>>> main
 from pathlib import Path
 
 # Largest number of characters of the found value in an error.

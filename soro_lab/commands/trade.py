@@ -72,20 +72,9 @@ def trade(
 
     if preset not in PRESETS:
         raise typer.BadParameter(f"{preset}: allowed are {', '.join(PRESETS)}", param_hint="--preset")
-<<<<<<< HEAD
-    if seconds and not 0.1 <= seconds <= 600.0:
-        raise typer.BadParameter(f"{seconds:g}: allowed are 0.1 to 600 s", param_hint="--seconds")
     console = Console(stderr=True)
     with signals.noted() as interrupted, executor_of(jobs, dask) as executor:
-        loaded, requirement = _requirement(scene, error, budget_us, rate_hz)
-=======
-    if dask and jobs > 1:
-        raise typer.BadParameter("either --jobs or --dask", param_hint="--jobs")
-    console = Console(stderr=True)
-    with signals.noted() as interrupted:
         loaded, requirement = _requirement(scene, error, budget or 0.0, rate or 0.0)
-        computing = workers(jobs, dask)
->>>>>>> main
         folder = _folder(out if out is not None else Path("trade") / Path(scene).stem)
         console.print(f"[dim]requirement: {requirement}[/dim]")
         case = _case(scene, loaded, requirement, seconds or 0.0)

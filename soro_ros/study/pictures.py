@@ -16,7 +16,16 @@ _MOST = 4
 
 
 def draw(rows: Rows, keys: Sequence[str], path: Path) -> None:
-    """Draw the rows of a study; `keys` are those that vary."""
+    """Draw the rows of a study.
+
+    Parameters
+    ----------
+    rows : sequence of mapping
+    keys : sequence of str
+        Those that vary.
+    path : Path
+        Picture to write.
+    """
     by_rank = correlations(rows, keys)
     shown = sorted(by_rank, key=lambda key: -abs(by_rank[key]))[:_MOST]
     lines = 1 + (len(shown) + 1) // 2

@@ -46,7 +46,15 @@ class ConfidenceInterval:
 
 
 def share(count: int, of: int, factor: float = 1.0) -> ConfidenceInterval:
-    """Return a share of runs, with the interval of Wilson, times a factor."""
+    """Return a share of runs, with the interval of Wilson.
+
+    Parameters
+    ----------
+    count, of : int
+        Number of the runs, and of all.
+    factor : float
+        100 for per cent.
+    """
     ends = stats.binomtest(count, of).proportion_ci(LEVEL, method="wilson")
     return ConfidenceInterval(*(factor * float(x) for x in (count / of, ends.low, ends.high)))
 

@@ -129,7 +129,16 @@ class StudyFile(Strict):
         return found
 
     def scaled(self, key: str, value: Any, there: Any) -> Any:
-        """Return a value of a key; of a scale, what is there, a number or a list of them, times the value."""
+        """Return a value of a key, or what is there times the value.
+
+        Parameters
+        ----------
+        key : str
+        value : object
+            Of `values`.
+        there : object
+            What a scale multiplies: a number, or a list of them.
+        """
         if self.vary[key].scale is None:
             return value
         numbers = list(there) if isinstance(there, list | tuple) else [there]

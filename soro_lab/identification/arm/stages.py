@@ -160,7 +160,7 @@ def identify(
     recordings = [recording for recording in recordings if recording.shapes]
     check_names(recordings)
     recordings, options = _let_go(recordings, options)
-    robot, keep = plain(robot, options.keep), options.keep
+    robot, keep, executor = plain(robot, options.keep), options.keep, options.executor
     is_constant = options.is_constant
     check_motion(SoftArm(robot), recordings)
     dt = options.dt_s or longest_step(SoftArm(robot), _TURN)
@@ -180,16 +180,16 @@ def identify(
         model = modelled(with_numbers(robot, begin), is_constant)
         starts = start_numbers(model, [r for r in runs if r in releases])
         own = (*clocks, *starts) if runs else ()
-        return Problem(robot, tuple(cases), (*numbers, *frames, *own), expected, {}, is_constant)
+        every = (*numbers, *frames, *own)
+        return Problem(robot, tuple(cases), every, expected, {}, is_constant, executor)
 
     values: dict[str, float] = {}
     interrupted = False
     if rests is not None:
         values, interrupted = _at_rest(problem((), [rests]), options, progress)
         options = replace(options, most=1) if interrupted else options
-    values = swinging(problem((), fit), values, options.executor)
-    told, fitting = partial(progress, "linear"), partial(solve, executor=options.executor)
-    linear = fitting(problem((), fit), values, options.most, _COMPARED, told)
+    values = swinging(problem((), fit), values)
+    linear = solve(problem((), fit), values, options.most, _COMPARED, partial(progress, "linear"))
     check_numbers(problem((), fit), linear)
     expected = residual_errors(problem((), fit), linear.values)
 
@@ -199,7 +199,7 @@ def identify(
         most = min(_FULL if in_full else _FEW, options.most)
         try:
             told, cases = partial(progress, name), problem(laws, fit)
-            found = fitting(cases, begin, most, _COMPARED, told, secant=not in_full)
+            found = solve(cases, begin, most, _COMPARED, told, secant=not in_full)
             own = squares(held, problem(laws, held).prediction_errors(found.values), moved)
         except (ModelError, ConfigError):
             return None
@@ -252,8 +252,7 @@ def _at_rest(
     for k in range(options.starts):
         start = problem.value(own * draw.normal(0.0, 0.5, len(numbers)) * (k > 0))
         try:
-            told = partial(progress, "rest")
-            found.append(solve(problem, start, options.most, progress=told, executor=options.executor))
+            found.append(solve(problem, start, options.most, progress=partial(progress, "rest")))
         except (ModelError, ConfigError):
             if k == 0 and options.starts == 1:
                 raise
@@ -275,7 +274,7 @@ def _determined(
     while True:
         told, again = partial(progress, "all data"), bool(kept)
         # What is taken out was open, so the others hardly move.
-        solution = solve(problem, start, options.most, _LAST, told, secant=again, executor=options.executor)
+        solution = solve(problem, start, options.most, _LAST, told, secant=again)
         if solution.interrupted or options.most == 1:  # Ctrl-C: no search any more
             break
         open_ = not_determined(problem, solution)
@@ -287,7 +286,7 @@ def _determined(
         start = {k: v for k, v in solution.values.items() if k not in kept}
     if not kept:
         return solution, certainty(problem, solution), kept
-    last = evaluated(whole, {**problem.fixed, **solution.values}, options.executor)
+    last = evaluated(whole, {**problem.fixed, **solution.values})
     return last, certainty(whole, last), kept
 
 

@@ -8,7 +8,7 @@ from contextlib import closing
 import numpy as np
 
 from soro_core.errors import ConfigError
-from soro_core.jobs import Executor, given_or_threads, map_jobs
+from soro_core.jobs import given_or_threads, map_jobs
 from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.parameters import is_of_robot
 from soro_lab.identification.arm.cases.predict import predict_measurement
@@ -81,9 +81,7 @@ def _is_on_base(shape: Shape) -> bool:
 _FACTORS = np.exp(np.sort([0.0, *np.arange(-1.4, 0.9, 0.12)]))
 
 
-def swinging(
-    problem: Problem, values: Mapping[str, float], executor: Executor | None = None
-) -> dict[str, float]:
+def swinging(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
     """Return the best of some starts that bend alike and swing at different frequencies.
 
     Rests without much gravity show stiffness over gain, not the two alone. From a start that swings too fast
@@ -95,8 +93,6 @@ def swinging(
         Whole runs.
     values : mapping of str to float
         Numbers at rest. The arm as described is tried too: few rests may mislead.
-    executor : Executor, optional
-        Simulates the starts; default threads on all cores.
     """
     middle = {n.name: n.value for n in problem.numbers}
     scaled = [
@@ -111,6 +107,6 @@ def swinging(
 
     given_starts = ({**middle, **values}, middle) if values else (middle,)
     starts = [start(given, float(factor)) for given in given_starts for factor in _FACTORS]
-    with given_or_threads(executor) as used, closing(map_jobs(problem.cost, starts, used)) as found:
+    with given_or_threads(problem.executor) as used, closing(map_jobs(problem.cost, starts, used)) as found:
         costs = list(found)
     return starts[int(np.argmin(costs))]

@@ -9,7 +9,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import SoroError
-from soro_core.jobs import Executor, given_or_threads
+from soro_core.jobs import given_or_threads
 from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.case import ArmMotion, clock
 from soro_lab.identification.arm.cases.initial_conditions import is_of_run
@@ -57,7 +57,6 @@ def solve(
     tolerance: float = 1e-5,
     progress: Callable[[float], None] = lambda cost: None,
     secant: bool = False,
-    executor: Executor | None = None,
 ) -> FitSolution:
     """Find the most likely numbers: soft least squares over all rows, and the prior.
 
@@ -74,8 +73,6 @@ def solve(
         Called with the least cost so far after each simulation of all cases.
     secant : bool
         Take derivatives once (`SearchSettings.secant`).
-    executor : Executor, optional
-        Computes derivatives; default threads on all cores.
 
     Raises
     ------
@@ -85,12 +82,12 @@ def solve(
     low, high = problem.bounds
     x0 = np.clip(problem.position(start or {}), low + 1e-9, high - 1e-9)
     settings = SearchSettings(most=most, tolerance=tolerance, secant=secant)
-    return _searched(problem, x0, settings, progress, executor)
+    return _searched(problem, x0, settings, progress)
 
 
-def evaluated(problem: Problem, values: Mapping[str, float], executor: Executor | None = None) -> FitSolution:
+def evaluated(problem: Problem, values: Mapping[str, float]) -> FitSolution:
     """Return the solution that given numbers are, without a search."""
-    return _searched(problem, np.clip(problem.position(values), *problem.bounds), None, executor=executor)
+    return _searched(problem, np.clip(problem.position(values), *problem.bounds), None)
 
 
 def _searched(
@@ -98,10 +95,9 @@ def _searched(
     x0: Array,
     settings: SearchSettings | None,
     progress: Callable[[float], None] = lambda cost: None,
-    executor: Executor | None = None,
 ) -> FitSolution:
     rows = _Rows(problem)
-    with given_or_threads(executor) as used:
+    with given_or_threads(problem.executor) as used:
         chosen = replace(settings or SearchSettings(), step=_STEP, squares=len(x0), scale=1.0, executor=used)
         search = Search(rows.at, x0, rows.first(x0), problem.bounds, chosen, progress, rows.beside)
         found = search.run() if settings else search.here()

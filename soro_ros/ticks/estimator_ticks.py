@@ -18,7 +18,7 @@ from soro_core.rotation import quaternion_from_matrix
 from soro_lab.scene import EstimatorNodeConfig
 from soro_lab.scene.loop import estimator_of
 from soro_ros.conversion import learning, messages, qos
-from soro_ros.topics.diagnostics import NO_ESTIMATE, add_prefix
+from soro_ros.status_words import NO_ESTIMATE, add_prefix
 from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
 from soro_ros.topics.sample_inputs import SampleInputs

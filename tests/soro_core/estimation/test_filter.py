@@ -27,7 +27,8 @@ STEPS = np.array([1e-5, 1e-3, 1e-3, 1e-3, 1e-1, 1e-1])
 
 def model(mass_kg, weights=0.0):
     shape = weights * np.random.default_rng(0).normal(size=N * (N + 1))
-    return LearnedInput(Learned(np.concatenate([[mass_kg], shape])), 0.0, 1.0)
+    damping_s = np.full(2, 0.02 * weights)
+    return LearnedInput(Learned(np.concatenate([[mass_kg], shape, damping_s])), 0.0, 1.0)
 
 
 def belief_of(filter_, mean=None):

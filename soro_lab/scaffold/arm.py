@@ -97,7 +97,7 @@ def new_arm(options: ScaffoldOptions) -> NewArm:
     )
     if low_high is not None:
         pressure_range = given(low_high, "Pa gauge")
-    modulus = _modulus(shapes, pressure_range.value)
+    modulus = _modulus(shapes, pressure_range.value, options.mounting)
     return NewArm(
         name=name,
         links=tuple(_link(link, shape, modulus) for link, shape in zip(links, shapes, strict=True)),
@@ -142,18 +142,24 @@ def _shape(link: GivenLink, planar: bool) -> Geometry:
     return Geometry(length, radius, mass, angles, areas, offsets, section)
 
 
-def _modulus(shapes: Sequence[Geometry], pressure_range: tuple[float, float]) -> Noted:
+def _modulus(shapes: Sequence[Geometry], pressure_range: tuple[float, float], mounting: str) -> Noted:
     pressure = max(map(abs, pressure_range))
     moving = max(
         estimate.modulus_of(s.section, s.length.value, s.area.value, s.offset.value, len(s.angles), pressure)
         for s in shapes
     )
+    sections = [s.section for s in shapes]
     lengths, masses = ([getattr(s, key).value for s in shapes] for key in ("length", "mass"))
-    holding = estimate.modulus_for_weight([s.section for s in shapes], lengths, masses)
+    if mounting == "hanging":
+        holding = estimate.modulus_for_hanging(sections, masses)
+        held = f"its weight stretches a link by {estimate.STRETCH:.0%} at most"
+    else:
+        holding = estimate.modulus_for_weight(sections, lengths, masses)
+        held = "the arm carries its weight in every direction"
     how = f"{1e-3 * pressure:.4g} kPa in all chambers stretch a link by {estimate.STRETCH:.0%}, in one "
     how += f"bend it by {estimate.BEND:g} rad, at most"
     if holding > moving:
-        how = "the arm carries its weight in every direction"
+        how = held
     return Noted(max(moving, holding), f"{1e-3 * max(moving, holding):.4g} kPa, with which {how}")
 
 

@@ -133,3 +133,18 @@ def modulus_for_weight(
             rest += length
         needed = max(needed, moment * rest / (SAG * section.second_moment_m4))
     return needed
+
+
+def modulus_for_hanging(sections: Sequence[Section], masses: Sequence[float]) -> float:
+    """Return the modulus [Pa] with which its weight stretches a hanging arm by `STRETCH` at most.
+
+    Weight straightens such an arm: it has to carry it in no other direction.
+
+    Parameters
+    ----------
+    sections : sequence of Section
+        Of the links.
+    masses : sequence of float
+        Of the links [kg].
+    """
+    return max(GRAVITY * sum(masses[k:]) / (STRETCH * section.area_m2) for k, section in enumerate(sections))

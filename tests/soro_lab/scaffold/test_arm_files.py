@@ -13,6 +13,7 @@ from soro_core.control.reference_feasibility import check_reach
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_hardware import load_platform
 from soro_lab.scaffold import ScaffoldOptions, files, new_arm, write_arm
+from soro_lab.scaffold.estimate import STRETCH
 from soro_lab.scaffold.files import scalar
 from soro_lab.scaffold.reference import LINK_BEND, LONGEST
 from soro_lab.scaffold.robot_file import DAMPING
@@ -163,6 +164,17 @@ def test_the_reference_of_a_soft_arm_is_no_longer_or_more_bent_than_arms_are(tmp
     assert 0.0 < q[0] <= LONGEST
     assert 0.1 < abs(q[1]) * 0.06 <= LINK_BEND
     check_reach(controller, 1e-3)
+
+
+def test_a_long_hanging_arm_moves_and_its_weight_stretches_it_little(tmp_path):
+    """A beam that would stand as well is far too stiff for its pressures: it would not bend by 0.2 1/m."""
+    options = ScaffoldOptions("long", 3, "133mm", mass="60g", pressure_range="60kPa", mounting="hanging")
+    written = write_arm(new_arm(options), tmp_path)
+    arm = SoftArm(load_robot(written.robot))
+    bent = equilibrium(arm, [60e3] + [0.0] * 8)
+    assert np.hypot(*bent[1:3]) > 1.5
+    assert np.all(equilibrium(arm, np.zeros(9))[0::3] < STRETCH)
+    assert load_scene(written.scene).controller.reference.curvature_per_m > 0.3
 
 
 def test_a_reference_that_is_too_far_is_seen(written):

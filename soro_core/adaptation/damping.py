@@ -1,8 +1,8 @@
 """Damping that is learned: one retardation time for the stretch and one for the bend of each link.
 
-Beside the robot file's damping R, that of a kind of strain of link i is taken as tau_k K_k, with the stiffness
-K_k of these coordinates where the arm is straight. So one number holds for both bends, for all coefficients of
-a strain and for all pieces of a link, and the units do not depend on the arm.
+Beside the robot file's damping R, that of a kind of strain of link i is taken as tau_k K_k, with the
+stiffness K_k of these coordinates where the arm is straight. So one number holds for both bends, for all
+coefficients of a strain and for all pieces of a link, and the units do not depend on the arm.
 """
 
 from __future__ import annotations
@@ -70,7 +70,9 @@ class DampingModel:
         found = float(np.max(far**2, initial=0.0))
         own = 1.0 / (std**2 + (1.0 - _SHARED) * found)
         common = _SHARED * found / (1.0 + _SHARED * found * own.sum())
-        return np.asarray(np.diag(own) - common * np.outer(own, own))
+        precision = np.multiply.outer(-common * own, own)
+        precision.flat[:: own.size + 1] += own
+        return np.asarray(precision)
 
     def force(self, times_s: Array, qd: Array) -> Array:
         """Return the force (n_q,) of retardation times (size,) [s] at rates (n_q,)."""

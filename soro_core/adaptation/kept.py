@@ -23,8 +23,9 @@ FILE = "learned.yaml"
 _VERSION: Final = 2
 _HEAD = (
     "# What was learned of the arm until the end of a run: of each number its value and its deviation.\n"
-    "# soro run SCENE --learn-from FILE starts from gains, area slopes, damping and stiffness (NAME/by NAME);\n"
-    "# the rest belongs to the load and the motion of that run (docs/control.md, Keep what was learned).\n"
+    "# soro run SCENE --learn-from FILE starts from gains, area slopes, damping and stiffness\n"
+    "# (NAME/by NAME); the rest belongs to the load and the motion of that run (docs/control.md, Keep what\n"
+    "# was learned).\n"
 )
 
 

@@ -28,7 +28,7 @@ from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array, Integers
 from soro_core.frozen import replaced
-from soro_core.linear import block_diagonal, inverse
+from soro_core.linear import inverse
 from soro_core.model.checks import fault
 from soro_core.model.dynamics import GOOD, NOT_FINITE
 from soro_core.model.entries import make_box
@@ -164,6 +164,7 @@ class Learner:
         if kept is not None:
             self.start = kept.start(arm.robot, self.names, self.lower, self.upper)
         self.prior = self._prior(self.start, self.start)
+        lasting = slice(len(self.load_prior), self.force.size)
         self._rule = LearningRule(
             config.low_pass_per_s,
             config.forget_s,
@@ -173,7 +174,8 @@ class Learner:
             self.prior,
             config.noise**2 * np.eye(arm.n_q),
             self.slope,
-            *self._lasting(),
+            self._order(),
+            *((bound - self.start)[lasting] for bound in (self.lower, self.upper)),
         )
         self._box = make_box(arm.tables)
         zero = np.zeros(arm.n_q)
@@ -224,18 +226,17 @@ class Learner:
         """
         load, size = len(self.load_prior), self.force.size
         far = np.maximum(np.abs(start[load:]), np.abs(theta[load:] - start[load:]))
-        damping, chambers = far[: size - load], far[size - load :]
-        losses = self.force.damping.prior(self.damping_std, damping)
-        of_chambers = self.chambers.prior(chambers, doubts_areas)
-        return block_diagonal(block_diagonal(self.load_prior, losses), of_chambers)
+        prior = np.zeros((self.size, self.size))
+        prior[:load, :load] = self.load_prior
+        prior[load:size, load:size] = self.force.damping.prior(self.damping_std, far[: size - load])
+        prior[size:, size:] = self.chambers.prior(far[size - load :], doubts_areas)
+        return prior
 
-    def _lasting(self) -> tuple[Integers, int]:
-        """Return the order of the values for the learning rule, and how many of them last: the damping."""
+    def _order(self) -> Integers:
+        """Return the order of the values for the learning rule: what lasts, the damping, at the end."""
         first, behind = len(self.load_prior), self.force.size
-        order = np.concatenate(
-            [np.delete(np.arange(self.size), np.s_[first:behind]), np.arange(first, behind)]
-        )
-        return order.astype(np.int64), behind - first
+        parts = np.arange(first), np.arange(behind, self.size), np.arange(first, behind)
+        return np.concatenate(parts).astype(np.int64)
 
     def _parts(self, theta: Array) -> dict[str, Any]:
         """Return all learned values as the fields of a state."""
@@ -300,7 +301,7 @@ class Learner:
         rule: RuleFields = self._rule._replace(prior=prior)[:]
         sides = residual - regressor @ start, regressor
         after = np.empty_like(information), np.empty_like(moment)
-        is_determined = gain(rule, dt, covariance, sides, (information, moment), after, theta)
+        is_determined = gain(rule, dt, covariance, sides, (information, moment, *after), theta)
         if not is_determined:  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
         room = self.lower - start, self.upper - start

@@ -44,11 +44,12 @@ class LearningRule(NamedTuple):
     """B, slope of the static force by q, in units of force: (n, n)."""
     order: Integers
     """Indices of the values, those of what lasts at the end: (size,)."""
-    lasting: int
-    """Their number."""
+    least: Array
+    """Bounds of what lasts, (lasting,)."""
+    most: Array
 
 
-RuleFields: TypeAlias = tuple[float, float, float, float, float, Array, Array, Array, Integers, int]
+RuleFields: TypeAlias = tuple[float, float, float, float, float, Array, Array, Array, Integers, Array, Array]
 """Fields of a `LearningRule`: numba takes a plain tuple from Python faster."""
 
 
@@ -58,18 +59,18 @@ def gain(
     dt: float,
     covariance: Array,
     sides: tuple[Array, Array],
-    information: tuple[Array, Array],
-    after: tuple[Array, Array],
+    information: tuple[Array, Array, Array, Array],
     theta: Array,
 ) -> bool:
     """Add a sample to information A (size, size) and moment b (size,); theta <- that after it.
 
-    `sides`: residual r and regressor Phi. The noise grows by B P B' of the covariance P of q. `after` <- A and b
-    once a part is forgotten, for the next sample. False if the information does not determine theta.
+    `sides`: residual r and regressor Phi. The noise grows by B P B' of the covariance P of q.
+    `information`: A, b, and what they become once a part is forgotten, for the next sample. False if it does
+    not determine theta.
     """
     rule = LearningRule(*fields)
     residual, regressor = sides
-    A, b = information
+    A, b, A1, b1 = information
     n, size = residual.shape[0], theta.shape[0]
     S, pivots, slope = rule.noise.copy(), np.empty(n, np.int64), rule.slope
     for r in range(n):
@@ -109,8 +110,8 @@ def gain(
     root, L = np.empty(size), np.empty((size + 1, size))
     if not _factor(rule.order, A, b, root, L):
         return False
-    _solve(rule.order, root, L, theta)
-    _forget(rule, (dt * (1.0 + large) / rule.forget_s, dt / rule.lasting_s), (A, b), (root, L), after)
+    _solve(rule, root, L, theta)
+    _forget(rule, (dt * (1.0 + large) / rule.forget_s, dt / rule.lasting_s), (A, b, A1, b1), (root, L))
     return True
 
 
@@ -159,13 +160,19 @@ def _factor(order: Integers, A: Array, b: Array, root: Array, L: Array) -> bool:
 
 
 @inner
-def _solve(order: Integers, root: Array, L: Array, theta: Array) -> None:
-    """theta <- A^-1 b from `_factor`."""
+def _solve(rule: LearningRule, root: Array, L: Array, theta: Array) -> None:
+    """theta <- A^-1 b from `_factor`, or the best one with what lasts held at its bounds."""
     size = root.shape[0]
+    n = size - rule.least.shape[0]
     x = L[size].copy()
-    _substitute_back(L, size, x)
+    # From the last value on, each is the best one with those behind it known.
+    for k in range(size - 1, n - 1, -1):
+        x[k] = min(max(x[k] / L[k, k], rule.least[k - n] / root[k]), rule.most[k - n] / root[k])
+        for c in range(k):
+            x[c] -= L[k, c] * x[k]
+    _substitute_back(L, n, x)
     for k in range(size):
-        theta[order[k]] = root[k] * x[k]
+        theta[rule.order[k]] = root[k] * x[k]
 
 
 @inner
@@ -181,45 +188,43 @@ def _substitute_back(L: Array, n: int, x: Array) -> None:
 def _forget(
     rule: LearningRule,
     parts: tuple[float, float],
-    information: tuple[Array, Array],
+    information: tuple[Array, Array, Array, Array],
     factors: tuple[Array, Array],
-    after: tuple[Array, Array],
 ) -> None:
-    """`after` <- A and b of which parts are forgotten: of the rest with what lasts known, and of what lasts.
+    """A1, b1 <- A, b of which parts are forgotten: of the rest with what lasts known, and of what lasts.
 
     With w the rest, d what lasts, X = A_ww^-1 A_wd and x = A_ww^-1 b_w, the marginal information of d is
     J = A_dd - A_dw X, its moment b_d - A_dw x, and to first order in the part
 
         A_dw' A_ww'^-1 A_wd' = (1 - part) A_dw X - part X' A_0ww X.
     """
-    order, prior = rule.order, rule.prior
+    order, prior, lasting = rule.order, rule.prior, rule.least.shape[0]
     part, slow = parts
-    A, b = information
+    A, b, A1, b1 = information
     root, L = factors
-    A1, b1 = after
     size = root.shape[0]
-    n = size - rule.lasting
+    n = size - lasting
     for k in range(size):
         for c in range(size):
             A1[k, c] = A[k, c] - part * (A[k, c] - prior[k, c])
         b1[k] = (1.0 - part) * b[k]
     # Rows of X', and of x' at the end, in the units of w; and times A_0ww.
-    known, pulled = L[n:, :n].copy(), np.zeros((rule.lasting + 1, n))
-    for d in range(rule.lasting + 1):
+    known, pulled = L[n:, :n].copy(), np.zeros((lasting + 1, n))
+    for d in range(lasting + 1):
         _substitute_back(L, n, known[d])
         for k in range(n):
             known[d, k] *= root[k]
         for k in range(n):
             for c in range(n):
                 pulled[d, c] += known[d, k] * prior[order[k], order[c]]
-    for d in range(rule.lasting):
+    for d in range(lasting):
         i, of = order[n + d], root[n + d]
-        for e in range(rule.lasting + 1):
+        for e in range(lasting + 1):
             shared, back = 0.0, 0.0
             for k in range(n):
                 shared += L[n + d, k] * L[n + e, k]
                 back += known[d, k] * pulled[e, k]
-            if e < rule.lasting:
+            if e < lasting:
                 j, unit = order[n + e], of * root[n + e]
                 own = A[i, j] - shared / unit
                 A1[i, j] = A[i, j] - slow * (own - prior[i, j]) - part * (shared + back) / unit

@@ -1,7 +1,7 @@
 """The law `composite`: desired compensation with the learned force, which the prediction error drives.
 
-f = M qdd_d + C qd_d + G + f_e + (R + R_t) qd_d + (creep) + Y_m m + U W phi - K_p e - K_d s, docs/control.md. All
-forces of the model and the learned one are those at the reference. The learner is that of
+f = M qdd_d + C qd_d + G + f_e + (R + R_t) qd_d + (creep) + Y_m m + U W phi - K_p e - K_d s, docs/control.md.
+All forces of the model and the learned one are those at the reference. The learner is that of
 `soro_core.adaptation`; the filter predicts with the same force.
 """
 

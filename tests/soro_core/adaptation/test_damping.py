@@ -6,6 +6,7 @@ import pytest
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation import Learned, Learner, LearnerSample
 from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.kept import keep
 from soro_core.adaptation.kernel.information import LearningRule, gain
 from soro_core.config import find_config
 from soro_core.control.laws.composite import CompositeOptions
@@ -97,7 +98,7 @@ def test_the_filter_predicts_as_that_of_an_arm_with_more_damping(bend_s):
 
 
 def test_what_lasts_keeps_its_own_information_while_the_rest_is_forgotten():
-    rng, n, lasting = np.random.default_rng(1), 3, 2
+    rng, n, far = np.random.default_rng(1), 3, np.full(2, 9.0)
     order = np.array([0, 1, 4, 5, 2, 3])
     rest, last = np.ix_(order[:-2], order[:-2]), np.ix_(order[-2:], order[-2:])
     spread = rng.standard_normal((6, 6))
@@ -106,8 +107,8 @@ def test_what_lasts_keeps_its_own_information_while_the_rest_is_forgotten():
     moment = rng.standard_normal(6)
     regressor, residual = np.zeros((n, 6)), np.zeros(n)  # a sample that says nothing
     dt, theta, after = 1e-4, np.linalg.solve(information, moment), (np.empty((6, 6)), np.empty(6))
-    rule = LearningRule(5.0, 1.0, 1e4, 8.0, 0.0, prior, np.eye(n), np.zeros((n, n)), order, lasting)
-    assert gain(rule[:], dt, np.zeros((n, n)), (residual, regressor), (information, moment), after, theta)
+    rule = LearningRule(5.0, 1.0, 1e4, 8.0, 0.0, prior, np.eye(n), np.zeros((n, n)), order, -far, far)
+    assert gain(rule[:], dt, np.zeros((n, n)), (residual, regressor), (information, moment, *after), theta)
     np.testing.assert_allclose(information @ theta, moment)
     own = [np.linalg.inv(np.linalg.inv(one)[last]) for one in (information, after[0])]
     known = [one[rest] - prior[rest] for one in (information, after[0])]
@@ -119,8 +120,6 @@ def test_what_lasts_keeps_its_own_information_while_the_rest_is_forgotten():
 
 def test_damping_is_kept_for_the_next_run():
     learner, state, found = taught(with_damping(0.5, 0.2))
-    from soro_core.adaptation.kept import keep
-
     theta = np.concatenate([state.learned.theta, state.chambers])
     names = dict(zip(learner.names, theta.tolist(), strict=True))
     kept = keep(FILE, names, dict.fromkeys(names, 0.1))

@@ -40,7 +40,7 @@ Each [scene](README.md) below is a file that you can run, read and change:
 
     soro scenes                                      # prints name and purpose of each
     soro run set_points                              # in real time; --set mode=lockstep: without deadlines
-    soro film runs/set_points-TIME                   # film.gif of your run, in its folder
+    soro plot runs/set_points-TIME --film my.gif     # a film of your run
     mkdir my_scenes                                  # a folder for your scenes,
     soro scenes set_points > my_scenes/mine.yaml     # with a copy to change,
     soro scenes --folder my_scenes                   # which is listed too

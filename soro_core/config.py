@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import logging
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Annotated, Any, TypeVar, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler, ValidationError
-from pydantic_core import CoreSchema, core_schema
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema
 
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, nearest
+from soro_core.files.units import as_number, unit_of
 from soro_core.files.yaml_text import LONGEST, read_value
 
 
@@ -44,7 +45,7 @@ class Strict(BaseModel):
         """Check a section once: what is frozen does not change after its check."""
 
         def check(value: Any, inner: core_schema.ValidatorFunctionWrapHandler) -> Any:
-            return value if type(value) is cls else inner(value)
+            return value if type(value) is cls else inner(_as_numbers(value, cls))
 
         return core_schema.no_info_wrap_validator_function(check, handler(source))
 
@@ -70,6 +71,35 @@ class InnerError(ValueError):
     def __init__(self, error: ValidationError, model: type[BaseModel]) -> None:
         self.error, self.model = error, model
         super().__init__(str(error))
+
+
+def _as_numbers(data: Any, model: type[Strict]) -> Any:
+    """Return the keys and values of a section with texts like 40kPa as numbers in the units of the keys."""
+    if not isinstance(data, Mapping):
+        return data
+    read = dict(data)
+    for key, unit in _units(model).items():
+        if isinstance(value := read.get(key), str | list | tuple | Mapping):
+            try:
+                read[key] = as_number(value, unit)
+            except ValueError as error:
+                custom = PydanticCustomError("value_error", "{text}", {"text": str(error)})
+                details: Any = {"type": custom, "loc": (key,), "input": value}
+                raise InnerError(
+                    ValidationError.from_exception_data(model.__name__, [details]), model
+                ) from None
+    return read
+
+
+@cache
+def _units(model: type[Strict]) -> dict[str, str]:
+    """Units of the fields of a model that hold numbers with a unit."""
+    numbers = (name for name, field in model.model_fields.items() if _has_numbers(field.annotation))
+    return {name: unit for name in numbers if (unit := unit_of(name, model.__name__))}
+
+
+def _has_numbers(annotation: Any) -> bool:
+    return annotation is float or any(map(_has_numbers, get_args(annotation)))
 
 
 # A YAML list for a frozen tuple; the elements stay strict.
@@ -234,10 +264,34 @@ def find_config(name: str | Path, kind: str) -> Path:
     shipped = folder / f"{path.name}.yaml"
     if shipped.is_file():
         return shipped
-    known = ", ".join(sorted(p.stem for p in folder.glob("*.yaml"))) or "none"
+    names = sorted(p.stem for p in folder.glob("*.yaml"))
+    known, near = ", ".join(names) or "none", nearest(path.name, names)
     raise ConfigError(
-        str(name), "", f"no {kind} file of that name", f"a path ending in .yaml, or one of {known}"
+        str(name), "", f"no {kind} file of that name", f"a path ending in .yaml, or one of {known}{near}"
     )
+
+
+def names_of(*kinds: str) -> Callable[[str], list[str]]:
+    """Return the function that completes names of shipped files in a shell.
+
+    Parameters
+    ----------
+    *kinds : str
+        Folders in ``config/``: robots, platforms, scenes.
+    """
+
+    def complete(incomplete: str) -> list[str]:
+        found = (file.stem for kind in kinds for file in (config_folder() / kind).glob("*.yaml"))
+        return sorted(name for name in found if name.startswith(incomplete))
+
+    return complete
+
+
+def name_argument(text: str, *kinds: str) -> Any:
+    """Return an argument of a command that is a file or the name of a shipped one of some kinds."""
+    import typer
+
+    return typer.Argument(help=text, autocompletion=names_of(*kinds))
 
 
 def _shipped(path: Path) -> str:
@@ -280,14 +334,15 @@ def _first(error: ValidationError, model: type[BaseModel], where: str) -> Config
         tag = context["discriminator"].strip("'")
         return ConfigError(where, f"{key}.{tag}", context["tag"], f"one of {context['expected_tags']}")
     if details["type"] == "extra_forbidden":
-        known = ", ".join(_keys_at(model, details["loc"][:-1])) or "no such key"
-        return ConfigError(where, key, "an unknown key", known)
+        keys = _keys_at(model, details["loc"][:-1])
+        known = ", ".join(keys) or "no such key"
+        return ConfigError(where, key, "an unknown key", known + nearest(str(location[-1]), keys))
     if details["type"] == "missing":
         return ConfigError(where, key, "nothing", "a value; this key is required")
     inner = details.get("ctx", {}).get("error")
     if isinstance(inner, InnerError):
         cause = _first(inner.error, inner.model, where)
-        return ConfigError(where, f"{key}.{cause.key}".rstrip("."), cause.got, cause.allowed)
+        return ConfigError(where, f"{key}.{cause.key}".strip("."), cause.got, cause.allowed)
     allowed = _PLAIN.get(details["type"]) or details["msg"].removeprefix("Value error, ")
     is_rule = details["type"] == "value_error"
     return ConfigError(where, key, details["input"], allowed[:1].lower() + allowed[1:], is_rule)
@@ -296,6 +351,13 @@ def _first(error: ValidationError, model: type[BaseModel], where: str) -> Config
 def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
     """Names of the fields of the (nested) model at a location."""
     return list(getattr(_walk(model, location)[0], "model_fields", {}))
+
+
+def section_of(model: type[BaseModel], key: str) -> type[Strict] | None:
+    """Return the class of a section of a model, if the key is one and it has a single class."""
+    field = model.model_fields.get(key)
+    found = _nested_models(field.annotation) if field else []
+    return found[0] if len(found) == 1 else None
 
 
 def _without_tags(model: type[BaseModel], location: tuple[int | str, ...]) -> list[int | str]:

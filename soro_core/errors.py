@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from difflib import get_close_matches
 from pathlib import Path
 
 # Largest number of characters of the found value in an error.
@@ -126,3 +128,9 @@ def short(value: object) -> str:
     """Return what was found as part of one line."""
     text = " ".join(repr(value).split())
     return text if len(text) <= LONGEST else text[: LONGEST - 3] + "..."
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """Return the end of a line that asks whether one of the known names is meant; "" where none is near."""
+    found = get_close_matches(name, list(known), n=1)
+    return f"; did you mean {found[0]}?" if found else ""

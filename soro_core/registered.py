@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
 from typing import Any
 
+from soro_core.errors import nearest
+
 
 def names_of(group: str, shipped: Iterable[str]) -> tuple[str, ...]:
     """Return the shipped names, then those of other packages in the group."""
@@ -34,7 +36,7 @@ def load(group: str, shipped: Iterable[str], name: str, is_one: Callable[[Any], 
     """
     names, found = names_of(group, shipped), tuple(entry_points(group=group, name=name))
     if not found:
-        raise ValueError(f"one of {', '.join(names)}")
+        raise ValueError(f"one of {', '.join(names)}{nearest(name, names)}")
     others, value = ", ".join(other for other in names if other != name), found[0].value
     try:
         loaded = found[0].load()

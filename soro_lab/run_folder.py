@@ -33,15 +33,7 @@ def new_folder(parent: Path, name: str) -> Path:
 
 
 def bag_of(run: Path) -> Path:
-    """Return the bag of a run's folder; of a bag, itself.
-
-    Raises
-    ------
-    BagError
-        If there is no such file or folder.
-    """
-    if not run.exists():
-        raise BagError("no such file or folder", run, "missing")
+    """Return the bag of a run's folder; of a bag, itself."""
     return run / "bag" if (run / "bag").is_dir() else run
 
 
@@ -56,10 +48,18 @@ def bag_and_scene(run: Path) -> tuple[Path, Path]:
     Raises
     ------
     BagError
-        If there is no scene.
+        If there is no such file or folder, or no scene.
     """
+    if not run.exists():
+        raise BagError("no such file or folder", run, "missing")
     for folder in (run, run.parent):
         for name in _SCENES:
             if (folder / name).exists():
                 return bag_of(run), folder / name
     raise BagError(f"{run}: neither {' nor '.join(_SCENES)}, so that the robot is not known")
+
+
+def run_folders(incomplete: str) -> list[str]:
+    """Complete the folder of a run in a shell, the newest first; without one, the shell offers files."""
+    folders = [folder for folder in Path("runs").glob("*/") if str(folder).startswith(incomplete)]
+    return [str(folder) for folder in sorted(folders, key=lambda folder: -folder.stat().st_mtime)]

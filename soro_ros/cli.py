@@ -25,70 +25,102 @@ def leave(number: int, frame: FrameType | None) -> None:
     os._exit(128 + number)
 
 
-def application(begin: Callable[[], None] = lambda: None) -> typer.Typer:
-    """Import every command, which takes half a second or more; `begin` is called before one begins."""
+# What the help shows, in this order: the commands of each group, and where they are.
+_GROUPS = {
+    "Core commands": {
+        "new": "soro_lab.commands.new:new",
+        "run": "soro_ros.commands.run:run",
+        "view": "soro_ros.commands.view:view",
+        "report": "soro_ros.commands.plot:report",
+        "excite": "soro_ros.commands.excite:excite",
+        "identify": "soro_lab.commands.identify:identify",
+        "doctor": "soro_ros.commands.doctor:doctor",
+        "move": "soro_ros.commands.move:move",
+    },
+    "A running arm": {
+        "vent": "soro_ros.commands.services:vent",
+        "reset": "soro_ros.commands.services:reset",
+        "enable": "soro_ros.commands.services:enable",
+        "fault": "soro_ros.commands.services:fault",
+        "log": "soro_ros.commands.log:log",
+    },
+    "Recorded runs": {
+        "plot": "soro_ros.commands.plot:plot",
+        "play": "soro_ros.commands.play:play",
+        "replay": "soro_ros.commands.replay:replay",
+        "bag": "soro_ros.commands.bag:app",
+    },
+    "Scenes and models of arms": {
+        "scenes": "soro_lab.commands.scenes:scenes",
+        "gains": "soro_lab.commands.gains:gains",
+        "reach": "soro_lab.commands.reach:reach",
+        "place-sensors": "soro_lab.commands.place_sensors:place_sensors",
+        "trade": "soro_lab.commands.trade:trade",
+    },
+    "Valves and regulators": {
+        "emulate": "soro_hardware.commands.emulate:emulate",
+        "board": "soro_hardware.commands.board:board",
+        "hil": "soro_ros.commands.hil:app",
+        "fit": "soro_lab.commands.fit:app",
+    },
+    "Design of soft parts": {
+        "identify-fem": "soro_design.commands.identify_fem:identify_fem",
+        "design": "soro_design.commands.design:app",
+        "fem": "soro_design.commands.fem:app",
+    },
+}
+# The former name of `soro plot RUN --film FILE`.
+_HIDDEN = {"film": "soro_ros.commands.film:film"}
+_OF_SEVERAL = {
+    "bag": "Look at recordings, repair and convert them.",
+    "hil": "Hardware in the loop: first pressurisation, latency.",
+    "fit": "Fit models to recordings of your own hardware.",
+    "design": "Find the shape of soft parts, check it, export it.",
+    "fem": "Compute parts by finite elements.",
+}
+
+
+def wanted(words: list[str]) -> set[str] | None:
+    """Return the commands to import for the words of a command line, None for all."""
+    completing = os.environ.get("COMP_WORDS") or os.environ.get("_TYPER_COMPLETE_ARGS")
+    if "_SORO_COMPLETE" in os.environ and completing is not None:
+        words = completing.split()[1:]
+        words = words if len(words) > 1 or completing[-1:].isspace() else []
+    elif not words or words[0] == "--help":
+        return None
+    return set(words[:1])
+
+
+def application(begin: Callable[[], None] = lambda: None, needed: set[str] | None = None) -> typer.Typer:
+    """Return the command; import the commands that are needed, None for all, which takes half a second.
+
+    `begin` is called before one begins.
+    """
+    from importlib import import_module
+
     import typer
 
-    from soro_design.commands import design, fem
-    from soro_design.commands.identify_fem import identify_fem
-    from soro_hardware.commands.board import board
-    from soro_hardware.commands.emulate import emulate
-    from soro_lab.commands import fit
-    from soro_lab.commands.gains import gains
-    from soro_lab.commands.identify import identify
-    from soro_lab.commands.new import new
-    from soro_lab.commands.place_sensors import place_sensors
-    from soro_lab.commands.reach import reach
-    from soro_lab.commands.scenes import scenes
-    from soro_lab.commands.trade import trade
-    from soro_ros.commands import bag, hil, services
-    from soro_ros.commands.doctor import doctor
-    from soro_ros.commands.excite import excite
-    from soro_ros.commands.film import film
-    from soro_ros.commands.log import log
-    from soro_ros.commands.move import CONTEXT, move
-    from soro_ros.commands.play import play
-    from soro_ros.commands.plot import plot, report
-    from soro_ros.commands.replay import replay
-    from soro_ros.commands.run import run
-    from soro_ros.commands.view import view
-
     app = typer.Typer(
-        help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones.",
+        help="Run, record and replay pneumatic soft arms: real ones, emulated ones, simulated ones. A value "
+        "may have its unit: 40kPa, 10g, 2mm, 20ms; a number alone is in SI units.",
         no_args_is_help=True,
-        add_completion=False,
         # Without it, docstrings keep their line breaks, and typer reads units in brackets as styles.
         rich_markup_mode="markdown",
         pretty_exceptions_enable=False,
     )
-    app.command()(run)
-    app.command()(scenes)
-    app.command()(excite)
-    app.command()(play)
-    app.command()(replay)
-    app.command()(film)
-    app.command()(plot)
-    app.command()(report)
-    app.command()(view)
-    app.command()(emulate)
-    app.command()(doctor)
-    app.command()(trade)
-    app.command()(board)
-    app.command()(reach)
-    app.command("place-sensors")(place_sensors)
-    app.command()(gains)
-    app.command()(identify)
-    app.command("identify-fem")(identify_fem)
-    app.command()(new)
-    app.command(context_settings=CONTEXT)(move)
-    for service in (services.vent, services.reset, services.enable, services.fault):
-        app.command()(service)
-    app.command()(log)
-    app.add_typer(fem.app, name="fem", help="Compute parts by finite elements.")
-    app.add_typer(fit.app, name="fit", help="Fit models to recordings of your own hardware.")
-    app.add_typer(design.app, name="design", help="Find the shape of soft parts, check it, export it.")
-    app.add_typer(bag.app, name="bag", help="Look at and repair recordings.")
-    app.add_typer(hil.app, name="hil", help="Hardware in the loop: first pressurisation, latency.")
+    for group, commands in {**_GROUPS, "": _HIDDEN}.items():
+        for name, place in commands.items():
+            if needed is not None and name not in needed:
+                app.command(name, hidden=not group)(lambda: None)
+                continue
+            module_name, _, attribute = place.partition(":")
+            module = import_module(module_name)
+            command = getattr(module, attribute)
+            if name in _OF_SEVERAL:
+                app.add_typer(command, name=name, help=_OF_SEVERAL[name], rich_help_panel=group)
+            else:
+                settings = getattr(module, "CONTEXT", None)
+                app.command(name, hidden=not group, context_settings=settings, rich_help_panel=group)(command)
 
     def print_version(is_asked: bool) -> None:
         if is_asked:
@@ -111,7 +143,7 @@ def application(begin: Callable[[], None] = lambda: None) -> typer.Typer:
 def main() -> NoReturn:
     """Entry point: exit status 0 on success, 1 on failure, 2 on wrong use, configuration or installation."""
     previous = signal.signal(signal.SIGINT, leave)
-    from soro_core.errors import ConfigError, SoroError
+    from soro_core.errors import BagError, ConfigError, SoroError
     from soro_core.extras import named_packages
 
     def begin() -> None:
@@ -119,13 +151,13 @@ def main() -> NoReturn:
 
     try:
         with named_packages():
-            application(begin)()
+            application(begin, wanted(sys.argv[1:]))()
     except ConfigError as error:
         print(f"soro: {error}", file=sys.stderr)
         sys.exit(2)
     except SoroError as error:
         print(f"soro: {error}", file=sys.stderr)
-        sys.exit(1)
+        sys.exit(2 if isinstance(error, BagError) and error.code != "disk" else 1)
     except OSError as error:  # a full disk, a file of another user
         # An error of a write, unlike one of an open, does not have the name of the file.
         what = (error.filename, error.strerror or str(error))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from numbers import Integral, Real
 from typing import Annotated, Any, Literal
@@ -19,7 +20,7 @@ _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 
 
 class SensorBody(Strict):
-    """A body, seen by the tracker, on a cross-section of the arm."""
+    """A body on a cross-section of the arm: one that the tracker sees, or a place that has a name."""
 
     at: float = Field(ge=0, le=1, description="the cross-section, in parts of the length of the arm")
     offset_m: Vector3 = Field((0.0, 0.0, 0.0), description="its origin in the frame of the cross-section [m]")
@@ -46,6 +47,9 @@ class Calibration(Strict):
     bodies: Annotated[tuple[SensorBody, ...], Field(strict=False)] = ()
 
 
+_PLACE = re.compile(r"[A-Za-z]\w*", re.ASCII)
+# Frames that every arm may have.
+_TAKEN = re.compile(r"world|base|tip|(pose|imu)\d+")
 # Round-off of a caller who adds up lengths [m].
 END_TOLERANCE = 1e-9
 
@@ -75,6 +79,10 @@ class Robot(Strict):
         (0.0, 90e3), description="lowest and highest gauge pressure of the chambers", validate_default=True
     )
     calibration: Calibration = Calibration()
+    places: dict[str, SensorBody] = Field(
+        default_factory=dict,
+        description="places of a camera or a tool by name: frames on /tf and in robot_description",
+    )
     refinement: int = Field(
         1,
         ge=1,
@@ -100,6 +108,16 @@ class Robot(Strict):
             place = entry.place if isinstance(entry, PointMass) else entry
             if length and not 0.0 <= place <= length + END_TOLERANCE:
                 raise ValueError(f"places from 0 to the length of the arm, {length:.6g} m (here {place!r})")
+        return value
+
+    @field_validator("places")
+    @classmethod
+    def _named(cls, value: dict[str, SensorBody]) -> dict[str, SensorBody]:
+        for name in value:
+            if not _PLACE.fullmatch(name) or _TAKEN.fullmatch(name):
+                raise ValueError(
+                    f"names of letters, digits and _, none of world, base, tip, pose0, imu0 (here {name!r})"
+                )
         return value
 
     @field_validator("refinement")

@@ -160,6 +160,12 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
     )
     paused: bool = Field(False, description="wait for ~/start before the first tick")
     duration_s: float = Field(0.0, ge=0, le=86400, description="lockstep: end of time; 0 for none")
+    empty_s: float = Field(
+        0.0,
+        ge=0,
+        le=60,
+        description="lockstep: longest time behind duration_s until the arm rests with empty chambers",
+    )
     plant_link: str = Field("", description="socket of the emulated valves, for pressures: valves")
     fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
     priority: Priority = 10

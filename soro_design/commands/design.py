@@ -7,7 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from soro_core.config import name_argument
 from soro_core.errors import ConfigError, ModelError
+from soro_core.files.units import unit_option
 
 if TYPE_CHECKING:
     from soro_design.topology import FinalPart, OptimiserState, Reanalysis
@@ -20,7 +22,7 @@ Folder = Annotated[Path, typer.Argument(help="Folder of a run.", exists=True, fi
 
 @app.command()
 def run(
-    task: Annotated[str, typer.Argument(help="Task file, or the name of a shipped one (config/design).")],
+    task: Annotated[str, name_argument("Task file, or the name of a shipped one (config/design).", "design")],
     out: Annotated[
         Path | None, typer.Option(help="Folder of the run; default TASK_design.", show_default=False)
     ] = None,
@@ -102,7 +104,8 @@ def export(
         typer.Option(help="Solid of a part file to write, in millimetres.", show_default=False),
     ] = None,
     extrude: Annotated[
-        float | None, typer.Option(metavar="MM", help="Height along z, of a run.", show_default=False)
+        float | None,
+        unit_option("--extrude", "m", example="20mm", show_default=False, help="Height along z, of a run."),
     ] = None,
     revolve: Annotated[bool, typer.Option("--revolve", help="Revolve about x = 0, of a run.")] = False,
     pieces: Annotated[int, typer.Option(min=3, help="Flat pieces of a revolution.")] = 96,
@@ -129,7 +132,7 @@ def export(
         raise ConfigError("soro design export", "--stl", None, "a file to write, of a run")
     if (extrude is not None) == revolve:
         found = "both" if revolve else "neither"
-        raise ConfigError("soro design export", "--extrude", found, "one of --extrude MM and --revolve")
+        raise ConfigError("soro design export", "--extrude", found, "one of --extrude HEIGHT and --revolve")
     if extrude is not None and not 0.0 < extrude < float("inf"):
         raise ConfigError("soro design export", "--extrude", extrude, "a height above 0")
     from soro_design.fem import extruded, revolved
@@ -138,7 +141,7 @@ def export(
 
     domain, state = _loaded(Path(source))
     if revolve != (domain.task.space == "axisymmetric"):
-        allowed = "--revolve of a task about an axis, --extrude MM of one in plane strain"
+        allowed = "--revolve of a task about an axis, --extrude HEIGHT of one in plane strain"
         option = "--revolve" if revolve else "--extrude"
         raise ConfigError("soro design export", option, f"a task in {domain.task.space}", allowed)
     _tell_unfinished(domain, state)
@@ -147,7 +150,7 @@ def export(
         raise ModelError(f"no part to export: {part.leak}", "leak")
     axes = tuple(axis for axis in domain.task.mirrors if not (revolve and axis == "x"))
     section = mirrored(part.mesh, axes, "axisymmetric" if revolve else "plane_strain")
-    write_surface(stl, *(revolved(section, pieces) if extrude is None else extruded(section, 1e-3 * extrude)))
+    write_surface(stl, *(revolved(section, pieces) if extrude is None else extruded(section, extrude)))
 
 
 _HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>6} {'residual':>8} {'kPa':>7}"

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from soro_core.config import name_argument
 from soro_core.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -27,7 +28,7 @@ def fem() -> None:
 
 @app.command()
 def run(
-    part: Annotated[str, typer.Argument(help="Part file, or the name of a shipped one (config/parts).")],
+    part: Annotated[str, name_argument("Part file, or the name of a shipped one (config/parts).", "parts")],
     out: Annotated[Path | None, typer.Option(help="Folder to write; default NAME_fem.")] = None,
     force: Annotated[bool, typer.Option(help="Replace the files of an existing folder.")] = False,
 ) -> None:

@@ -7,11 +7,12 @@ from typing import Annotated
 
 import typer
 
+from soro_core.config import name_argument
 from soro_core.errors import ConfigError
 
 
 def identify_fem(
-    part: Annotated[str, typer.Argument(help="Part file of a rod, or the name of a shipped one.")],
+    part: Annotated[str, name_argument("Part file of a rod, or the name of a shipped one.", "parts")],
     out: Annotated[Path, typer.Option(help="Robot file to write (YAML).", show_default=False)],
     run: Annotated[
         Path | None,

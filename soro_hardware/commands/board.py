@@ -6,10 +6,12 @@ from typing import Annotated
 
 import typer
 
+from soro_core.config import name_argument
+
 
 def board(
     config: Annotated[
-        str, typer.Argument(help="Name of a shipped platform of family soro_board, or path of its file.")
+        str, name_argument("Platform of family soro_board: a shipped name, or a path.", "platforms")
     ],
     listen: Annotated[
         str, typer.Option(help="HOST or HOST:PORT to listen on; every interface and the platform's port.")

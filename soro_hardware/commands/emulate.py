@@ -8,16 +8,19 @@ from typing import Annotated
 
 import typer
 
+from soro_core.config import name_argument
+from soro_core.files.units import unit_option
+
 
 def emulate(
-    platform: Annotated[str, typer.Argument(help="Name of a shipped platform, or path of a platform file.")],
+    platform: Annotated[str, name_argument("Platform file, or the name of a shipped one.", "platforms")],
     lockstep: Annotated[
         bool,
         typer.Option("--lockstep", help="Advance by one cycle period with each exchange, not by the clock."),
     ] = False,
-    cycle_hz: Annotated[
+    rate: Annotated[
         float | None,
-        typer.Option(help="Rate of exchanges, where it is not the platform's: that of the regulator node."),
+        unit_option("--rate", "Hz", help="Of exchanges, as the regulator node's; default: the platform's."),
     ] = None,
     device_link: Annotated[
         Path | None,
@@ -69,7 +72,7 @@ def emulate(
         if failure:
             typer.echo(f"soro emulate: no real-time priority ({failure}): see docs/real_time.md", err=True)
         serve(
-            described if cycle_hz is None else described.at_rate(cycle_hz),
+            described if rate is None else described.at_rate(rate),
             clock=time.monotonic_ns,
             announce=lambda path: typer.echo(f"ready: {path}"),
             lockstep=lockstep,

@@ -7,6 +7,9 @@ from typing import Annotated
 
 import typer
 
+from soro_core.files.units import unit_option
+from soro_lab.commands.identify_air import SUPPLY, VOLUME
+
 app = typer.Typer(no_args_is_help=True)
 
 
@@ -25,9 +28,11 @@ def pressures(
             show_default=False,
         ),
     ],
-    volume_ml: Annotated[float, typer.Option(min=1e-3, help="Volume of a chamber with its tube.")] = 30.0,
-    supply_kpa: Annotated[float, typer.Option(min=1.0, help="Gauge pressure of the supply.")] = 200.0,
-    smallest_kpa: Annotated[float, typer.Option(min=0.1, help="Smallest step that is used.")] = 10.0,
+    volume: Annotated[float, VOLUME] = 30e-6,
+    supply: Annotated[float, SUPPLY] = 200e3,
+    smallest: Annotated[
+        float, unit_option("--smallest", "Pa", 100.0, 1e6, "10kPa", help="Smallest step that is used.")
+    ] = 10e3,
     picture: Annotated[Path | None, typer.Option(help="Picture of the steps and models (PNG).")] = None,
 ) -> None:
     """Fit the models of regulators and valves to the step responses in RECORDS; see docs/air.md.
@@ -43,7 +48,7 @@ def pressures(
     from soro_lab.identification.steps import StepLimits, read_pressures
 
     console = Console(stderr=True)
-    options = AirOptions(1e-6 * volume_ml, 1e3 * supply_kpa, StepLimits(change_pa=1e3 * smallest_kpa))
+    options = AirOptions(volume, supply, StepLimits(change_pa=smallest))
     with console.status("regulators") as status:
         found = find_regulators(
             [read_pressures(path) for path in records], options, lambda stage, _: status.update(stage)

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 import yaml
 
 from soro_lab.scene import check_gains, load_scene
-from soro_lab.scene.options import SCENE_HELP, given_keys
+from soro_lab.scene.options import Change, SceneName, given_keys
 
 if TYPE_CHECKING:
     from soro_core.loop import Loop
 
 
 def gains(
-    scene: Annotated[str, typer.Argument(help=SCENE_HELP)],
-    change: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Change a key of the scene.")
-    ] = None,
+    scene: SceneName,
+    change: Change = None,
 ) -> None:
     """Print gains, delays and noise as they are used, as YAML.
 

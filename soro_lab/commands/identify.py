@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from soro_core.errors import BagError, ConfigError
+from soro_core.files.units import unit_option
+from soro_lab.commands.identify_air import SUPPLY, VOLUME, AirStage, sources
 
 if TYPE_CHECKING:
     from soro_core.robot import Robot
@@ -58,11 +60,13 @@ def identify(
             "none for the linear law. Default: all but the last two."
         ),
     ] = None,
-    step_ms: Annotated[
+    step: Annotated[
         float | None,
-        typer.Option(
-            min=0.1,
-            max=50.0,
+        unit_option(
+            "--step",
+            "s",
+            1e-4,
+            0.05,
             help="Step of simulations of the last fit; others take twice that. Default: so long that "
             "stiffness is right to 0.3 %.",
         ),
@@ -75,13 +79,14 @@ def identify(
             "this model, a third below that of the link where only its frequency shows it.",
         ),
     ] = False,
-    rate_hz: Annotated[
-        float, typer.Option(min=1.0, help="Most samples a second of each sensor that are compared.")
+    rate: Annotated[
+        float,
+        unit_option("--rate", "Hz", 1.0, 1e5, "100Hz", help="Most samples of each sensor that are compared."),
     ] = 100.0,
     starts: Annotated[int, typer.Option(min=1, help="Starts of the search at states at rest.")] = 3,
     seed: Annotated[int, typer.Option(help="Seed of these starts.")] = 1,
-    volume_ml: Annotated[float, typer.Option(min=1e-3, help="Volume of a chamber with its tube.")] = 30.0,
-    supply_kpa: Annotated[float, typer.Option(min=1.0, help="Gauge pressure of the supply.")] = 200.0,
+    volume: Annotated[float, VOLUME] = 30e-6,
+    supply: Annotated[float, SUPPLY] = 200e3,
     hold_out: Annotated[
         list[str] | None,
         typer.Option(
@@ -131,7 +136,6 @@ def identify(
 
     from soro_core.adaptation.kept import kept_file, load_kept
     from soro_core.robot import load_robot
-    from soro_lab.commands.identify_air import AirStage, sources
     from soro_lab.commands.identify_report import ReportOptions, write
     from soro_lab.commands.search_progress import SearchProgress
     from soro_lab.identification.arm.cases.physical import check_described
@@ -163,7 +167,7 @@ def identify(
             described = with_learned(described, load_kept(learn_from), str(kept_file(learn_from)))
         wanted.check(described, force)
     console = Console(stderr=True)
-    air = AirStage(out, volume_ml, supply_kpa, accept, force)
+    air = AirStage(out, volume, supply, accept, force)
     read = _read(paths, columns or [], described)
     for recording in read:
         console.print(summary(recording), highlight=False, markup=False)
@@ -179,8 +183,8 @@ def identify(
         raise typer.Exit(status)
     check_motion(read)
     options = IdentificationOptions(
-        dt_s=None if step_ms is None else 1e-3 * step_ms,
-        rate_hz=rate_hz,
+        dt_s=step,
+        rate_hz=rate,
         laws=tuple(law for law in known if law.name in names),
         is_constant=constant,
         starts=starts,

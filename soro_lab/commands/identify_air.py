@@ -10,12 +10,16 @@ from typing import TYPE_CHECKING
 import typer
 
 from soro_core.errors import ConfigError
+from soro_core.files.units import unit_option
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from soro_lab.identification.recording import Recording
     from soro_lab.identification.regulators.stages import FoundRegulators
+
+VOLUME = unit_option("--volume", "m3", 1e-9, 1.0, "30ml", help="Volume of a chamber with its tube.")
+SUPPLY = unit_option("--supply", "Pa", 1e3, 1e7, "200kPa", help="Gauge pressure of the supply.")
 
 
 def sources(robot: str, recordings: Sequence[Path]) -> tuple[str | None, list[Path]]:
@@ -52,7 +56,7 @@ class AirStage:
     ----------
     robot_file : Path
         File of the arm, whose name that of the regulators follows.
-    volume_ml, supply_kpa : float
+    volume_m3, supply_pa : float
         Volume of a chamber with its tube, gauge pressure of the supply.
     accept : float
         Largest RMS error on held-out data, in % of the range moved.
@@ -61,8 +65,8 @@ class AirStage:
     """
 
     robot_file: Path
-    volume_ml: float
-    supply_kpa: float
+    volume_m3: float
+    supply_pa: float
     accept: float
     force: bool
 
@@ -91,7 +95,7 @@ class AirStage:
         from soro_lab.identification.regulators.stages import AirOptions, find_air
         from soro_lab.identification.regulators.written import air_text, air_yaml
 
-        options = AirOptions(1e-6 * self.volume_ml, 1e3 * self.supply_kpa)
+        options = AirOptions(self.volume_m3, self.supply_pa)
         with console.status("regulators, pumps, leaks") as status:
             found = find_air(
                 recordings, options, lambda stage, cost: status.update(f"{stage}: {cost:.4g}"), required

@@ -9,7 +9,9 @@ from typing import Annotated
 
 import typer
 
+from soro_core.config import name_argument
 from soro_core.errors import ConfigError
+from soro_core.files.units import Quantity, unit_of, unit_option
 from soro_lab.scene.options import Change, given_keys
 
 _WHERE = "soro place-sensors"
@@ -19,7 +21,7 @@ _WIDTH = 120
 
 
 def place_sensors(
-    robot: Annotated[str, typer.Argument(help="Robot file, or the name of a shipped one.")],
+    robot: Annotated[str, name_argument("Robot file, or the name of a shipped one.", "robots")],
     scene: Annotated[
         str | None,
         typer.Option(
@@ -31,13 +33,20 @@ def place_sensors(
     candidates: Annotated[int, typer.Option(min=1, max=50, help="Places on each link.")] = 4,
     noise: Annotated[
         list[str] | None,
-        typer.Option(metavar="KEY=VALUE", help="Deviation of a sensor, e.g. position_m=0.001; see the docs."),
+        typer.Option(metavar="KEY=VALUE", help="Deviation of a sensor, e.g. position_m=1mm; see the docs."),
     ] = None,
     pieces: Annotated[
         int, typer.Option(min=0, max=16, help="Pieces that each link bends in; 0: as the scene has it.")
     ] = 0,
     seconds: Annotated[
-        float | None, typer.Option(help=f"Time of the scene's motion; default all, {_SECONDS:g} s at most.")
+        float | None,
+        unit_option(
+            "--seconds",
+            "s",
+            0.1,
+            600.0,
+            help=f"Time of the scene's motion; default: all, {_SECONDS:g} s at most.",
+        ),
     ] = None,
     change: Change = None,
     out: Annotated[
@@ -83,8 +92,6 @@ def place_sensors(
     else:
         loaded = load_scene(scene, changes)
         time_s = min(loaded.duration_s, _SECONDS) if seconds is None else seconds
-        if not 0.1 <= time_s <= 600.0:
-            raise ConfigError(_WHERE, "--seconds", time_s, "0.1 to 600 s")
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
     try:
@@ -132,10 +139,7 @@ def _deviations(given: list[str]) -> dict[str, float]:
     found = {}
     for item in given:
         key, _, text = item.partition("=")
-        try:
-            found[key] = float(text)
-        except ValueError:
-            found[key] = math.nan
-        if not key or not math.isfinite(found[key]):
+        if not key or not text:
             raise ConfigError(_WHERE, "--noise", item, "KEY=NUMBER")
+        found[key] = Quantity(unit_of(key), -math.inf, math.inf, "0.001").number(text, _WHERE, "--noise")
     return found

@@ -8,22 +8,24 @@ from typing import Annotated
 
 import typer
 
+from soro_core.config import name_argument
 from soro_core.errors import ConfigError
+from soro_core.files.units import unit_option
 
 # Width of the tables, at least.
 _WIDTH = 120
 
 
 def reach(
-    robot: Annotated[str, typer.Argument(help="Robot file, or the name of a shipped one.")],
-    load_g: Annotated[
-        float, typer.Option(min=0.0, help="Load at the tip, beside the tip mass of the robot.")
+    robot: Annotated[str, name_argument("Robot file, or the name of a shipped one.", "robots")],
+    load: Annotated[
+        float, unit_option("--load", "kg", 0.0, 1e3, "0g", help="At the tip, beside the robot's tip mass.")
     ] = 0.0,
-    low_kpa: Annotated[
-        float | None, typer.Option(help="Lowest pressure; default: that of the robot.")
+    lowest: Annotated[
+        float | None, unit_option("--low", "Pa", help="Lowest pressure; default: that of the robot.")
     ] = None,
-    high_kpa: Annotated[
-        float | None, typer.Option(help="Highest pressure; default: that of the robot.")
+    highest: Annotated[
+        float | None, unit_option("--high", "Pa", help="Highest pressure; default: that of the robot.")
     ] = None,
     modes: Annotated[int, typer.Option(min=1, max=6, help="Modes that are printed and drawn.")] = 3,
     out: Annotated[Path | None, typer.Option(help="Picture to write (PNG); default ROBOT_reach.png.")] = None,
@@ -34,7 +36,6 @@ def reach(
     Prints the range of the tip, the stiffness of the tip and the modes, and draws them (docs/analysis.md).
     The pressures hold these places for ever. A motion needs some pressure more, see `soro move`.
     """
-    import numpy as np
     from rich.console import Console
     from rich.table import Table
 
@@ -49,26 +50,25 @@ def reach(
     loaded = load_robot(robot)
     require_chambers(loaded, "soro reach")
     low, high = (
-        own if given is None else 1e3 * given
-        for own, given in zip(loaded.pressure_range_pa, (low_kpa, high_kpa), strict=True)
+        own if given is None else given
+        for own, given in zip(loaded.pressure_range_pa, (lowest, highest), strict=True)
     )
-    for option, value in (("--load-g", load_g), ("--low-kpa", 1e-3 * low), ("--high-kpa", 1e-3 * high)):
-        if not np.isfinite(value):
-            raise ConfigError("soro reach", option, value, "a finite number")
     if not low < high:
-        raise ConfigError("soro reach", "--low-kpa", 1e-3 * low, f"less than --high-kpa, {1e-3 * high:g}")
+        raise ConfigError(
+            "soro reach", "--low", f"{1e-3 * low:g}kPa", f"less than --high, {1e-3 * high:g}kPa"
+        )
     file = Path(f"{loaded.name}_reach.png") if out is None else out
     if file.suffix != ".png":
         raise ConfigError("soro reach", "--out", str(file), "a name that ends with .png")
     if numbers is not None and numbers.suffix != ".json":
         raise ConfigError("soro reach", "--json", str(numbers), "a name that ends with .json")
-    arm = SoftArm(loaded.replace(tip_mass=loaded.tip_mass + 1e-3 * load_g))
+    arm = SoftArm(loaded.replace(tip_mass=loaded.tip_mass + load))
     console = Console(stderr=True)
     with console.status("resting places"):
         found = reachable(arm, low, high)
     with console.status("stiffness and modes") as status:
         through = ways(arm, low, high, lambda done, of: status.update(f"stiffness and modes: {done} of {of}"))
-    title = f"{loaded.name}, {1e-3 * low:g} to {1e-3 * high:g} kPa, load {load_g:g} g"
+    title = f"{loaded.name}, {1e-3 * low:g} to {1e-3 * high:g} kPa, load {1e3 * load:g} g"
     tip, places, shapes = Table(title, ""), Table(), Table()
     for row in found.numbers():
         tip.add_row(*row)

@@ -10,6 +10,8 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
+from soro_core.config import name_argument
+from soro_core.files.units import unit_option
 from soro_hardware import signals
 
 if TYPE_CHECKING:
@@ -20,7 +22,7 @@ WIDTH = 160
 
 
 def trade(
-    scene: Annotated[str, typer.Argument(help="Scene or robot: a file, or the name of a shipped one.")],
+    scene: Annotated[str, name_argument("Scene or robot: a file or a shipped name.", "scenes", "robots")],
     error: Annotated[
         str,
         typer.Option(
@@ -28,22 +30,19 @@ def trade(
             "The tip alone: errors of shape, energy and frequency stand in the table."
         ),
     ] = "",
-    budget_us: Annotated[
-        float,
-        typer.Option(
-            help="Requirement: model of the least tip error whose longest tick takes at most so many us."
-        ),
-    ] = 0.0,
-    rate_hz: Annotated[
-        float,
-        typer.Option(
-            help="Requirement: model of the least tip error whose longest tick fits into this rate."
-        ),
-    ] = 0.0,
+    budget: Annotated[
+        float | None,
+        unit_option("--budget", "s", help="Requirement: longest tick of the most accurate model."),
+    ] = None,
+    rate: Annotated[
+        float | None,
+        unit_option("--rate", "Hz", help="Requirement: the same, by the rate that ticks must fit into."),
+    ] = None,
     preset: Annotated[str, typer.Option(help="How many combinations: quick, standard or full.")] = "standard",
     seconds: Annotated[
-        float, typer.Option(help="Simulated time, 0.1 to 600; 0: 4 s of a scene, 1 s of a robot.")
-    ] = 0.0,
+        float | None,
+        unit_option("--seconds", "s", 0.1, 600.0, help="Simulated; default: 4 s of a scene, 1 s of a robot."),
+    ] = None,
     jobs: Annotated[
         int, typer.Option(min=1, help="Processes that compute errors; times are taken alone.")
     ] = 1,
@@ -73,17 +72,15 @@ def trade(
 
     if preset not in PRESETS:
         raise typer.BadParameter(f"{preset}: allowed are {', '.join(PRESETS)}", param_hint="--preset")
-    if seconds and not 0.1 <= seconds <= 600.0:
-        raise typer.BadParameter(f"{seconds:g}: allowed are 0.1 to 600 s", param_hint="--seconds")
     if dask and jobs > 1:
         raise typer.BadParameter("either --jobs or --dask", param_hint="--jobs")
     console = Console(stderr=True)
     with signals.noted() as interrupted:
-        loaded, requirement = _requirement(scene, error, budget_us, rate_hz)
+        loaded, requirement = _requirement(scene, error, budget or 0.0, rate or 0.0)
         computing = workers(jobs, dask)
         folder = _folder(out if out is not None else Path("trade") / Path(scene).stem)
         console.print(f"[dim]requirement: {requirement}[/dim]")
-        case = _case(scene, loaded, requirement, seconds)
+        case = _case(scene, loaded, requirement, seconds or 0.0)
         console.print(f"[dim]excitation: {case.text}[/dim]", soft_wrap=True)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
         cache = Cache(fresh=fresh)
@@ -130,12 +127,12 @@ def trade(
     raise typer.Exit(0 if chosen is not None else 1)
 
 
-def _requirement(name: str, error: str, budget_us: float, rate_hz: float) -> tuple[Scene | None, Requirement]:
+def _requirement(name: str, error: str, budget_s: float, rate_hz: float) -> tuple[Scene | None, Requirement]:
     """Return the scene, if there is one, and the requirement; raises ConfigError."""
     from soro_core.config import parse
     from soro_lab.scene import Requirement, load_scene
 
-    options: dict[str, Any] = {"error": error, "budget_us": float(budget_us), "rate_hz": float(rate_hz)}
+    options: dict[str, Any] = {"error": error, "budget_us": 1e6 * budget_s, "rate_hz": rate_hz}
     requirement = parse(options, Requirement, where="soro trade")
     loaded = load_scene(name) if _is_scene(name) else None
     if not requirement.given:
@@ -147,7 +144,7 @@ def _requirement(name: str, error: str, budget_us: float, rate_hz: float) -> tup
 def _is_scene(name: str) -> bool:
     """Whether it is a scene, not a robot: robots have links, or those of another one."""
     from soro_core.config import config_folder, read_yaml
-    from soro_core.errors import ConfigError
+    from soro_core.errors import ConfigError, nearest
     from soro_core.robot.load import BASED_ON
 
     path = Path(name)
@@ -158,7 +155,7 @@ def _is_scene(name: str) -> bool:
     )
     if name not in (*scenes, *robots):
         allowed = f"a path ending in .yaml, a scene ({', '.join(scenes)}) or a robot ({', '.join(robots)})"
-        raise ConfigError("soro trade", "SCENE", name, allowed)
+        raise ConfigError("soro trade", "SCENE", name, allowed + nearest(name, scenes + robots))
     return name in scenes
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from soro_core.errors import ConfigError
+from soro_core.files.units import Quantity
 from soro_lab.scaffold import quantity
-from soro_lab.scaffold.quantity import Quantity
 
 Value = TypeVar("Value")
 
@@ -110,7 +110,7 @@ def read_name(name: str) -> str:
 
 def read_range(text: str) -> tuple[float, float] | None:
     """Return lowest and highest pressure [Pa gauge], or None where they are not given."""
-    values = quantity.PRESSURE.read(text, "--pressure-range") if text else ()
+    values = quantity.PRESSURE.read(text, WHERE, "--pressure-range") if text else ()
     if not values:
         return None
     low, high = (0.0, *values) if len(values) == 1 else values[:2]
@@ -121,7 +121,7 @@ def read_range(text: str) -> tuple[float, float] | None:
 
 
 def _numbers(kind: Quantity, text: str, option: str) -> tuple[float, ...]:
-    return kind.read(text, option) if text else ()
+    return kind.read(text, WHERE, option) if text else ()
 
 
 def _counts(text: str) -> tuple[int, ...]:

@@ -56,7 +56,7 @@ class Requirement(Strict):
         """The requirement as options of `soro trade`."""
         if self.error:
             return f"--error {self.error}"
-        return f"--rate-hz {self.rate_hz:g}" if self.rate_hz else f"--budget-us {self.budget_us:g}"
+        return f"--rate {self.rate_hz:g}Hz" if self.rate_hz else f"--budget {self.budget_us:g}us"
 
     def __str__(self) -> str:
         if self.error:

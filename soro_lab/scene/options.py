@@ -7,15 +7,40 @@ from typing import Annotated, Any, TypeAlias
 
 import typer
 
+from soro_core.config import Strict, name_argument, section_of
 from soro_core.errors import ConfigError
 from soro_core.files.yaml_text import read_value
 
 SCENE_HELP = "Scene file, or the name of a shipped one."
-SceneName: TypeAlias = Annotated[str, typer.Argument(help=SCENE_HELP)]
+SceneName: TypeAlias = Annotated[str, name_argument(SCENE_HELP, "scenes")]
+
+
+def complete_key(incomplete: str) -> list[str]:
+    """Complete the key of a --set: those of a section after a point, else the sections."""
+    from soro_lab.scene.scene import Scene
+
+    *sections, _ = incomplete.split(".")
+    model: type[Strict] | None = Scene
+    for section in sections:
+        model = section_of(model, section) if model else None
+    before = ".".join((*sections, ""))
+    found = [
+        before + key
+        for key in (model.model_fields if model else ())
+        if f"{before}{key}".startswith(incomplete)
+    ]
+    if model and len(found) == 1 and section_of(model, found[0].removeprefix(before)):
+        return complete_key(f"{found[0]}.")  # a shell sets a space after a single one
+    return [key if model and section_of(model, key.removeprefix(before)) else f"{key}=" for key in found]
+
+
 Change: TypeAlias = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="KEY=VALUE", help="Change a key of the scene, e.g. controller.adapt=false."
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change a key of the scene: controller.adapt=false, twin.payload_kg=10g.",
+        autocompletion=complete_key,
     ),
 ]
 Valves: TypeAlias = Annotated[

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from soro_core.config import name_argument
+from soro_core.files.units import unit_option
+
 if TYPE_CHECKING:
     from soro_hardware.finding import Finding
     from soro_hardware.hil.dump import DumpConfig
@@ -15,29 +18,31 @@ if TYPE_CHECKING:
 
 
 def doctor(
-    platform: Annotated[str, typer.Argument(help="Name of a shipped platform, or path of a platform file.")],
+    platform: Annotated[str, name_argument("Platform file, or the name of a shipped one.", "platforms")],
     device: Annotated[
         str | None,
         typer.Option(help="Path or address in place of the platform's, as that of `soro emulate`."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print a JSON list instead of a table.")] = False,
     seconds: Annotated[
-        float, typer.Option(min=0.0, max=60.0, help="Hold the devices at 0 Pa that long; 0: look only.")
+        float,
+        unit_option(
+            "--seconds", "s", 0.0, 60.0, "1s", help="Hold the devices at 0 Pa that long; 0: look only."
+        ),
     ] = 1.0,
     dump: Annotated[
         bool,
         typer.Option("--dump", help="Instead: prove WITH PRESSURE that the dump valve works."),
     ] = False,
     chamber: Annotated[str, typer.Option(help="Chamber for --dump; the platform's first.")] = "",
-    pressure_kpa: Annotated[
-        float, typer.Option(min=5.0, max=20.0, help="Its pressure for --dump [kPa gauge].")
-    ] = 8.0,
-    within_s: Annotated[
-        float,
-        typer.Option(min=0.1, max=5.0, help="Time in which --dump must see it empty [s]."),
+    pressure: Annotated[
+        float, unit_option("--pressure", "Pa", 5e3, 20e3, "8kPa", help="Its gauge pressure for --dump.")
+    ] = 8e3,
+    within: Annotated[
+        float, unit_option("--within", "s", 0.1, 5.0, "2s", help="Time in which --dump must see it empty.")
     ] = 2.0,
-    wait_s: Annotated[
-        float, typer.Option(min=1.0, max=600.0, help="Longest wait of --dump for the valve [s].")
+    wait: Annotated[
+        float, unit_option("--wait", "s", 1.0, 600.0, "60s", help="Longest wait of --dump for the valve.")
     ] = 60.0,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before --dump.")] = False,
     lockstep: Annotated[
@@ -60,7 +65,7 @@ def doctor(
     if dump:
         from soro_hardware.hil.dump import DumpConfig
 
-        config = DumpConfig(pressure_pa=pressure_kpa * 1e3, limit_s=within_s, wait_s=wait_s)
+        config = DumpConfig(pressure_pa=pressure, limit_s=within, wait_s=wait)
         findings, interrupted = _dump(config, loaded, platform, device, chamber, yes, lockstep)
     else:
         findings = list(examine(loaded, device, seconds))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +13,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn
 
 from soro_core.errors import ConfigError, SoroError
+from soro_core.files.units import Quantity, unit_option
 from soro_hardware import signals
 from soro_lab.scene import Scene, check_plant
 from soro_lab.scene.options import Change, Device, Folder, SceneName, Valves, changes_of
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from soro_ros.run.compose import Run
     from soro_ros.run.supervisor import RunMonitor
 
+_LENGTHS = Quantity("m", -10.0, 10.0, "60mm")
 # The clock of a simulated arm ends so long after the excitation [s].
 MARGIN_S = 1.0
 VERDICTS = {0: "done", 1: "stopped", 2: "refused", 130: "interrupted"}
@@ -53,42 +54,52 @@ def excite(
         int | None,
         typer.Option(help="Levels of one chamber up to the highest, closer at low ones. Default: 4."),
     ] = None,
-    max_kpa: Annotated[
+    highest: Annotated[
         float | None,
-        typer.Option(help="Highest set point [kPa gauge]. Default: that of limits, platform and robot."),
+        unit_option(
+            "--max", "Pa", help="Highest set point, gauge. Default: that of limits, platform and robot."
+        ),
     ] = None,
     duration: Annotated[
         float | None,
-        typer.Option(
-            metavar="SECONDS",
+        unit_option(
+            "--duration",
+            "s",
             help="Longest time of all stages, to which the times of levels, steps and sweeps are scaled.",
         ),
     ] = None,
     hold: Annotated[
         float | None,
-        typer.Option(
-            metavar="SECONDS",
+        unit_option(
+            "--hold",
+            "s",
             help="Time at a level, which ends sooner when the arm is still. Default: 1.35.",
         ),
     ] = None,
-    sweep_hz: Annotated[
+    sweep: Annotated[
         float | None,
-        typer.Option(
-            help="Frequency at the end of a sweep; the lag of the regulators lowers it. Default: 12."
+        unit_option(
+            "--sweep",
+            "Hz",
+            help="Frequency at the end of a sweep; the lag of the regulators lowers it. Default: 12.",
         ),
     ] = None,
     repeat: Annotated[int | None, typer.Option(help="Times that all stages are done. Default: 1.")] = None,
-    box_mm: Annotated[
+    box: Annotated[
         str | None,
         typer.Option(
-            metavar="MM",
-            help="Box that the tip may not leave: half its width about the tip at rest, or six numbers with "
-            "commas, x,y,z lowest and x,y,z highest in the frame of the poses. Default: the length.",
+            metavar="LENGTHS",
+            help="Box that the tip may not leave, 60mm: half its width about the tip at rest, or six lengths "
+            "with commas, x,y,z lowest and x,y,z highest in the frame of the poses. Default: the length.",
         ),
     ] = None,
-    bend_deg: Annotated[
+    bend: Annotated[
         float | None,
-        typer.Option(help="Largest rotation of a sensor since the rest; above 180: no limit. Default: 149."),
+        unit_option(
+            "--bend",
+            "rad",
+            help="Largest rotation of a sensor since the rest; above 180deg: no limit. Default: 149deg.",
+        ),
     ] = None,
     release: Annotated[
         bool, typer.Option(help="At the end a person bends the real arm by hand and lets it go.")
@@ -110,13 +121,13 @@ def excite(
         options = {
             "stages": None if stages is None else [one.strip() for one in stages.split(",")],
             "levels": levels,
-            "maximum_pa": None if max_kpa is None else 1e3 * max_kpa,
+            "maximum_pa": highest,
             "duration_s": duration,
             "hold_s": hold,
-            "sweep_high_hz": sweep_hz,
+            "sweep_high_hz": sweep,
             "repeat": repeat,
-            "motion.box_m": None if box_mm is None else _metres(box_mm),
-            "motion.bend_rad": None if bend_deg is None else math.radians(bend_deg),
+            "motion.box_m": None if box is None else list(_LENGTHS.read(box, "soro excite", "--box")),
+            "motion.bend_rad": bend,
             "release": release or None,
         }
         changes = changes_of("soro excite", change or [], valves, device, arm)
@@ -133,14 +144,6 @@ def excite(
         end = execute(loaded, target, interrupted, console, excitation_loop(loaded), watch)
     _report(target, end, watch, console)
     raise typer.Exit(end.status)
-
-
-def _metres(text: str) -> list[float]:
-    try:
-        return [1e-3 * float(part) for part in text.split(",")]
-    except ValueError:
-        allowed = "one number or six with commas, in mm"
-        raise ConfigError("soro excite", "--box-mm", text, allowed) from None
 
 
 def _check(scene: Scene, where: str) -> list[str]:

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from soro_core.config import name_argument
+from soro_core.files.units import Quantity, unit_option
 from soro_hardware import signals
 from soro_hardware.timing import punctual
 from soro_lab.run_folder import new_folder
@@ -28,7 +30,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 
-_PLATFORM = typer.Argument(help="Name of a shipped platform, or path of a platform file.")
+_PLATFORM = name_argument("Platform file, or the name of a shipped one.", "platforms")
 _DEVICE = typer.Option(help="Path or address in place of the platform's, as that of `soro emulate`.")
 _LOCKSTEP = typer.Option("--lockstep", help="As fast as it goes, with `soro emulate --lockstep` only.")
 _FOLDER = typer.Option(help="Where the folder of the report is made.")
@@ -45,13 +47,13 @@ def first_pressure(
         str, typer.Option(help="Topic of the tip's measured pose (PoseStamped), with --robot.")
     ] = "",
     ask: Annotated[bool, typer.Option("--ask", help="Ask where the tip moved, with --robot.")] = False,
-    steps_kpa: Annotated[str, typer.Option(help="Set points of each chamber [kPa gauge].")] = "5,10,20",
-    hold_s: Annotated[
-        float, typer.Option(min=0.5, max=600.0, help="Time for which each step is held [s].")
+    steps: Annotated[str, typer.Option(help="Set points of each chamber, gauge.")] = "5,10,20kPa",
+    hold: Annotated[
+        float, unit_option("--hold", "s", 0.5, 600.0, "2s", help="Time for which each step is held.")
     ] = 2.0,
-    rise_kpa_s: Annotated[
-        float, typer.Option(min=1.0, max=200.0, help="Fastest rise of a set point [kPa/s].")
-    ] = 50.0,
+    rise: Annotated[
+        float, unit_option("--rise", "Pa/s", 1e3, 200e3, "50kPa/s", help="Fastest rise of a set point.")
+    ] = 50e3,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before each chamber.")] = False,
     lockstep: Annotated[bool, _LOCKSTEP] = False,
     folder: Annotated[Path, _FOLDER] = Path("runs"),
@@ -79,8 +81,8 @@ def first_pressure(
     if ask and yes:
         raise ConfigError("soro hil", "--yes", "--ask", "one of them: --ask needs a person to answer")
     loaded = load_platform(platform)
-    steps_pa = _steps_pa(steps_kpa, loaded.range.maximum_pa)
-    config = FirstPressureConfig(steps_pa=steps_pa, hold_s=hold_s, rise_pa_s=rise_kpa_s * 1e3)
+    steps_pa = _steps_pa(steps, loaded.range.maximum_pa)
+    config = FirstPressureConfig(steps_pa=steps_pa, hold_s=hold, rise_pa_s=rise)
     regulator = regulator_of(loaded, platform, device, lockstep)
     limits = small_limits(loaded, config.steps_pa[-1], config.rise_pa_s)
     expected = expectation(loaded, regulator.update_hz, config, _robot(robot))
@@ -122,17 +124,17 @@ def first_pressure(
 def latency(
     platform: Annotated[str, _PLATFORM],
     device: Annotated[str | None, _DEVICE] = None,
-    low_kpa: Annotated[
-        float, typer.Option(min=2.0, max=500.0, help="Set point that steps begin from [kPa gauge].")
-    ] = 5.0,
-    step_kpa: Annotated[float, typer.Option(min=1.0, max=20.0, help="Height of a step [kPa].")] = 4.0,
+    low: Annotated[
+        float, unit_option("--low", "Pa", 2e3, 500e3, "5kPa", help="Set point that steps begin from, gauge.")
+    ] = 5e3,
+    step: Annotated[float, unit_option("--step", "Pa", 1e3, 20e3, "4kPa", help="Height of a step.")] = 4e3,
     repeat: Annotated[
         int,
         typer.Option(
             min=2, max=200, help="Steps up, and as many down, of each chamber: twice as many are reported."
         ),
     ] = 10,
-    hold_s: Annotated[float, typer.Option(min=0.1, max=20.0, help="Time between steps [s].")] = 0.5,
+    hold: Annotated[float, unit_option("--hold", "s", 0.1, 20.0, "0.5s", help="Time between steps.")] = 0.5,
     yes: Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before the first pressure.")] = False,
     lockstep: Annotated[bool, _LOCKSTEP] = False,
     folder: Annotated[Path, _FOLDER] = Path("runs"),
@@ -153,10 +155,10 @@ def latency(
     regulator = regulator_of(loaded, platform, device, lockstep)
     # A line that serves its chambers in turn needs some rounds for a step.
     config = LatencyConfig(
-        low_pa=low_kpa * 1e3,
-        step_pa=step_kpa * 1e3,
+        low_pa=low,
+        step_pa=step,
         repeat=repeat,
-        hold_s=max(hold_s, 12 / regulator.update_hz),
+        hold_s=max(hold, 12 / regulator.update_hz),
     )
     limits = latency_limits(loaded, config)
     took_s = (2 * config.repeat + 4) * config.hold_s * regulator.n_chambers
@@ -233,16 +235,13 @@ def _robot(name: str) -> Robot | None:
 
 
 def _steps_pa(text: str, most_pa: float) -> tuple[float, ...]:
-    """Set points [Pa] of a list in kPa; refused in the words and the unit of the command line."""
+    """Set points [Pa] of a list with commas."""
     from soro_core.errors import ConfigError
 
-    try:
-        steps = tuple(float(part) * 1e3 for part in text.split(","))
-    except ValueError:
-        steps = ()
-    if not steps or not all(a < b <= most_pa for a, b in itertools.pairwise((0.0, *steps))):
-        allowed = f"rising set points above 0, up to the platform's {most_pa / 1e3:g}, in kPa with commas"
-        raise ConfigError("soro hil", "--steps-kpa", text, allowed)
+    steps = Quantity("Pa", 0.0, most_pa, "5,10,20kPa").read(text, "soro hil", "--steps")
+    if not all(a < b for a, b in itertools.pairwise((0.0, *steps))):
+        allowed = f"rising set points above 0, up to the platform's {most_pa / 1e3:g} kPa, like 5,10,20kPa"
+        raise ConfigError("soro hil", "--steps", text, allowed)
     return steps
 
 

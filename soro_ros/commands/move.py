@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from enum import StrEnum
 from typing import Annotated
 
@@ -11,6 +12,7 @@ import typer
 from soro_core.arrays import Array
 from soro_core.control.motions.tip_path import arc, corners
 from soro_core.errors import ConfigError
+from soro_core.files.units import Quantity, unit_option
 from soro_ros.commands.services import COMMANDS, one_node, service_caller
 
 # Numbers below zero are no options.
@@ -46,26 +48,32 @@ def move(
         ),
     ],
     points: Annotated[
-        list[float],
-        typer.Argument(metavar="X Y Z...", help="Points in mm, in the world frame.", show_default=False),
+        list[str],
+        typer.Argument(
+            metavar="X Y Z...",
+            help="Points in the world frame: numbers in mm, or with a unit, 2cm.",
+            show_default=False,
+        ),
     ],
     relative: Annotated[
         bool, typer.Option("--relative", help="Points count from where the tip is wanted now.")
     ] = False,
-    speed_mm_s: Annotated[
+    speed: Annotated[
         float | None,
-        typer.Option(
-            min=1e-3, help="Fastest speed; stays for later motions. Default: as the controller has it."
-        ),
+        unit_option("--speed", "m/s", 1e-6, help="Fastest, also later. Default: as the controller has it."),
     ] = None,
-    acceleration_mm_s2: Annotated[
-        float | None, typer.Option(min=1e-3, help="Largest acceleration; stays for later motions too.")
+    acceleration: Annotated[
+        float | None,
+        unit_option("--acceleration", "m/s2", 1e-6, help="Largest, also of later motions."),
     ] = None,
     node: Annotated[
         str, typer.Option(help="Controller, by its full name or its end; default: the only one.")
     ] = "",
     timeout_s: Annotated[
-        float, typer.Option(min=0.1, max=600.0, help="Longest wait for a node, an answer or progress.")
+        float,
+        unit_option(
+            "--timeout", "s", 0.1, 600.0, "10s", help="Longest wait for a node, an answer or progress."
+        ),
     ] = 10.0,
 ) -> None:
     """Move the tip of a running arm from where it is wanted now, and wait until it is there.
@@ -75,15 +83,15 @@ def move(
     """
     goals = _goals(kind, points)
     given = {
-        "control.motion.speed_m_s": speed_mm_s,
-        "control.motion.acceleration_m_s2": acceleration_mm_s2,
+        "control.motion.speed_m_s": speed,
+        "control.motion.acceleration_m_s2": acceleration,
     }
     with service_caller() as caller:
         from soro_ros.run.motion_client import Mover
 
         name = one_node(caller, "enable", node, timeout_s, COMMANDS)
         mover = Mover(caller, name, timeout_s, typer.echo)
-        mover.configure({key: 1e-3 * value for key, value in given.items() if value is not None})
+        mover.configure({key: value for key, value in given.items() if value is not None})
         start = mover.start()
         status = mover.move(path(kind, start, goals + start if relative else goals))
     raise typer.Exit(status)
@@ -112,12 +120,14 @@ def path(kind: MotionType, start: Array, goals: Array) -> Array:
     return corners([start, *goals]) if kind is MotionType.LINE else np.array([start, *goals])
 
 
-def _goals(kind: MotionType, numbers: list[float]) -> Array:
-    """Points (n, 3) [m] of numbers in mm."""
+def _goals(kind: MotionType, numbers: list[str]) -> Array:
+    """Points (n, 3) [m] of numbers, those without a unit in mm."""
     n, rest = divmod(len(numbers), 3)
     least, most = _POINTS[kind]
     if rest or not least <= n <= most:
         count = f"{least}" if most == least else f"{least} or more"
-        allowed = f"{count} times three numbers [mm] for {kind}"
+        allowed = f"{count} times three numbers for {kind}"
         raise ConfigError("soro move", "X Y Z", f"{len(numbers)} numbers", allowed)
-    return 1e-3 * np.array(numbers, dtype=np.float64).reshape(-1, 3)
+    coordinate = Quantity("m", -math.inf, math.inf, "2cm", alone="mm")
+    metres = [coordinate.number(text, "soro move", "X Y Z") for text in numbers]
+    return np.array(metres, dtype=np.float64).reshape(-1, 3)

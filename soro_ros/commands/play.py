@@ -8,26 +8,28 @@ from typing import Annotated, Any
 
 import typer
 
-from soro_core.errors import BagError, ConfigError
+from soro_core.files.units import unit_option
+from soro_lab.run_folder import run_folders
 
 
 def play(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Folder of a bag (rosbag2), or a single .mcap or .db3 file.",
+            help="Folder of a bag (rosbag2) or of a run, or a single .mcap or .db3 file.",
             exists=True,
             show_default=False,
+            autocompletion=run_folders,
         ),
     ],
     rate: Annotated[
         float, typer.Option(help="Times faster than recorded; 0: as fast as the readers take it.")
     ] = 1.0,
     start: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Offset into the bag at which to begin.")
+        float, unit_option("--start", "s", 0.0, example="0s", help="Offset into the bag at which to begin.")
     ] = 0.0,
     duration: Annotated[
-        float, typer.Option(metavar="SECONDS", help="Recorded time to play; 0: to the end.")
+        float, unit_option("--duration", "s", 0.0, example="0s", help="Recorded time to play; 0: to the end.")
     ] = 0.0,
     topic: Annotated[
         list[str] | None,
@@ -88,13 +90,9 @@ def play(
         "keyboard": True,
         "end_on_failed_start": True,
     }
-    try:
-        config = parse(options, PlayerConfig, where="soro play")
-        with BagReader(bag) as reader:
-            reader.check_encodings()
-    except (ConfigError, BagError) as error:
-        typer.echo(f"soro: {error}", err=True)
-        raise typer.Exit(2) from None
+    config = parse(options, PlayerConfig, where="soro play")
+    with BagReader(bag) as reader:
+        reader.check_encodings()
     arguments = ["--ros-args"]
     for name, value in overrides(config).items():
         # JSON is YAML with unmistakable quotes.

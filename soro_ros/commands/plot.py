@@ -8,19 +8,26 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, TypeAlias
 import typer
 
 from soro_core.errors import BagError, ConfigError, SoroError
+from soro_core.files.units import unit_option
+from soro_lab.run_folder import run_folders
+from soro_ros.commands.film import Rate, Width
+from soro_ros.commands.film import film as write_film
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _ENDINGS = (".png", ".svg", ".pdf")
 Run: TypeAlias = Annotated[
-    Path, typer.Argument(help="Folder of a run, of a bag, or an .mcap file.", show_default=False)
+    Path,
+    typer.Argument(
+        help="Folder of a run, of a bag, or an .mcap file.", show_default=False, autocompletion=run_folders
+    ),
 ]
 Start: TypeAlias = Annotated[
-    float | None, typer.Option(metavar="SECONDS", help="First time that is shown; default: the begin.")
+    float | None, unit_option("--start", "s", help="First time that is shown; default: the begin.")
 ]
 End: TypeAlias = Annotated[
-    float | None, typer.Option(metavar="SECONDS", help="Last time that is shown; default: the end.")
+    float | None, unit_option("--end", "s", help="Last time that is shown; default: the end.")
 ]
 Arm: TypeAlias = Annotated[
     str | None, typer.Option(metavar="NAMESPACE", help="The arm, if the bag has several.")
@@ -55,17 +62,32 @@ def plot(
     end: End = None,
     arm: Arm = None,
     scene: SceneFile = None,
+    film: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Instead: a film of the arm as it moves, .gif; .png holds its last picture."
+        ),
+    ] = None,
+    rate: Rate = 10.0,
+    width: Width = 800,
 ) -> None:
     """Draw a recorded run: pressures set and measured, tip, reference and error, strains, what was learned.
 
     Trips, warnings and injected faults are marked. With --topic or --field any number of any topic. A bag
-    need not have all topics: what is missing is named. Exit status 2: the bag cannot be read, or wrong use.
+    need not have all topics: what is missing is named. A film shows a simulated arm as it was, a real one as
+    the estimator found it. Exit status 2: the bag cannot be read, or wrong use.
     """
     from matplotlib import pyplot
 
     notes: list[str] = []
     file = (run if run.is_dir() else run.parent) / "plot.png" if out is None else out
     try:
+        if film is not None:
+            if topic or field or out or arm or scene:
+                others = "no other option than --start, --end, --rate and --width"
+                raise ConfigError("soro plot", "--film", str(film), others)
+            write_film(run, film, start or 0.0, end, rate, width)
+            return
         if file.suffix not in _ENDINGS:
             raise ConfigError("soro plot", "--out", str(file), f"a name that ends with {', '.join(_ENDINGS)}")
         _check_folder("soro plot", file)
@@ -125,12 +147,11 @@ def _chosen(
     scene: Path | None,
     notes: list[str],
 ) -> Figure:
-    from soro_lab.run_folder import bag_of
     from soro_ros.pictures.picture import picture_of_fields
     from soro_ros.pictures.run_view import open_run
     from soro_ros.recordings.selection import fields_of
 
-    chosen = fields_of(bag_of(run), topics, fields, notes.append)
+    chosen = fields_of(run, topics, fields, notes.append)
     try:
         events = open_run(run, arm, scene).view.recording.events
     except (BagError, ConfigError):

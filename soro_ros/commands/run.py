@@ -15,6 +15,7 @@ from rich.markup import escape
 from soro_core.adaptation.kept import kept_file, load_kept
 from soro_core.errors import ConfigError, SoroError
 from soro_hardware import signals
+from soro_lab.run_folder import run_folders
 from soro_lab.scene import Scene, check_gains, check_learned, check_scene
 from soro_lab.scene.options import Arm, Change, Device, Folder, SceneName, Valves, changes_of
 from soro_ros.run.end import End
@@ -35,7 +36,9 @@ def run(
     learn_from: Annotated[
         Path | None,
         typer.Option(
-            metavar="RUN", help="Run folder, or its learned.yaml: start from what the law had learned there."
+            metavar="RUN",
+            autocompletion=run_folders,
+            help="Run folder, or its learned.yaml: start from what the law had learned there.",
         ),
     ] = None,
 ) -> None:
@@ -120,7 +123,7 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
     if recorded:
         console.print(f"bag:     {bag}")
         if summary is not None:
-            console.print(f"film:    soro film {folder}")
+            console.print(f"film:    soro plot {folder} --film {folder}/film.gif", soft_wrap=True)
             console.print(f"page:    soro report {folder}")
     if recording is not None and verdict.word in ("good", "poor") and keep_learned(folder, recording, scene):
         console.print(f"learned: soro run SCENE --learn-from {folder}", soft_wrap=True, highlight=False)

@@ -7,11 +7,12 @@ import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from soro_core.errors import ConfigError, SoroError
+from soro_core.files.units import unit_option
 from soro_hardware import signals
 
 if TYPE_CHECKING:
@@ -36,17 +37,16 @@ _NODE = typer.Argument(
     help="Full name of the node, /track_circle/regulator, which is found sooner, or its end.",
     show_default=False,
 )
-_TIMEOUT = typer.Option(
-    "--timeout-s",
-    min=0.1,
-    max=600.0,
-    help="Longest wait for an answer [s]; nodes are searched for 4 s at most.",
-)
+
+
+def _timeout(default: str) -> Any:
+    text = "Longest wait for an answer; nodes are searched for 4 s at most."
+    return unit_option("--timeout", "s", 0.1, 600.0, default, help=text)
 
 
 def reset(
     node: Annotated[str, _NODE] = "",
-    timeout_s: Annotated[float, _TIMEOUT] = 20.0,
+    timeout_s: Annotated[float, _timeout("20s")] = 20.0,
 ) -> None:
     """Print why an arm is vented, and open its latch.
 
@@ -78,7 +78,7 @@ def reset(
 
 def vent(
     node: Annotated[str, _NODE] = "",
-    timeout_s: Annotated[float, _TIMEOUT] = 5.0,
+    timeout_s: Annotated[float, _timeout("5s")] = 5.0,
 ) -> None:
     """Vent at once: every node of this ROS domain that has a `~/vent`, or only NODE.
 
@@ -128,7 +128,7 @@ def enable(
     anyway: Annotated[
         bool, typer.Option("--anyway", help="Only warn of a pose or a pressure that does not fit.")
     ] = False,
-    timeout_s: Annotated[float, _TIMEOUT] = 5.0,
+    timeout_s: Annotated[float, _timeout("5s")] = 5.0,
 ) -> None:
     """Start the commands of a controller, at its start and after `soro vent`.
 
@@ -169,7 +169,7 @@ def fault(
         typer.Argument(metavar="FAULT", help="As YAML, 'fault: mute, chamber: link0/chamber2'."),
     ] = None,
     clear: Annotated[bool, typer.Option("--clear", help="End all faults instead.")] = False,
-    timeout_s: Annotated[float, _TIMEOUT] = 5.0,
+    timeout_s: Annotated[float, _timeout("5s")] = 5.0,
 ) -> None:
     """Inject a fault into emulated valves while they run, or end all faults.
 

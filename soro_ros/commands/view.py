@@ -8,8 +8,11 @@ from typing import Annotated
 
 import typer
 
+from soro_core.config import names_of
 from soro_core.errors import BagError, ConfigError
 from soro_core.extras import require
+from soro_core.files.units import unit_option
+from soro_lab.run_folder import run_folders
 
 PORT = 8080
 
@@ -21,6 +24,7 @@ def view(
             help="Folder of a run, of its bag, or one of bags/; without it, the arm that runs.",
             exists=True,
             show_default=False,
+            autocompletion=run_folders,
         ),
     ] = None,
     robot: Annotated[
@@ -28,6 +32,7 @@ def view(
         typer.Option(
             metavar="ROBOT",
             help="Robot file, or name of a shipped one; default: that of the run.",
+            autocompletion=names_of("robots"),
             show_default=False,
         ),
     ] = "",
@@ -38,9 +43,9 @@ def view(
     port: Annotated[
         int, typer.Option(min=1024, max=65535, help="Port on 127.0.0.1; the next free one if taken.")
     ] = PORT,
-    rate: Annotated[float, typer.Option(min=1.0, max=60.0, metavar="HZ", help="Pictures a second.")] = 20.0,
+    rate: Annotated[float, unit_option("--rate", "Hz", 1.0, 60.0, "20Hz", help="Of the pictures.")] = 20.0,
     trail: Annotated[
-        float, typer.Option(min=1.0, max=120.0, metavar="SECONDS", help="Length of trails and plots.")
+        float, unit_option("--trail", "s", 1.0, 120.0, "10s", help="Length of trails and plots.")
     ] = 10.0,
 ) -> None:
     """Show an arm in the browser: its shape, reference, pressures, faults, and buttons to act on it.
@@ -53,11 +58,7 @@ def view(
     if bag is None:
         _live(robot, namespace, {"port": port, "rate_hz": rate, "trail_s": trail})
     else:
-        try:
-            _recorded(bag, robot, namespace, port, rate, trail)
-        except BagError as error:
-            typer.echo(f"soro: {error}", err=True)
-            raise typer.Exit(2) from None
+        _recorded(bag, robot, namespace, port, rate, trail)
 
 
 def _live(robot: str, namespace: str, options: dict[str, int | float]) -> None:
@@ -99,7 +100,7 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
     from soro_core.robot import load_robot
     from soro_hardware import signals
     from soro_lab.bag import BagReader
-    from soro_lab.run_folder import bag_and_scene, bag_of
+    from soro_lab.run_folder import bag_and_scene
     from soro_lab.scene import load_scene
     from soro_ros.view.access import Access
     from soro_ros.view.recorded import RecordedPage, read, shape_of
@@ -109,7 +110,7 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
     try:
         folder, scene_file = bag_and_scene(bag)
     except BagError:
-        with BagReader(bag_of(bag)):  # what is no bag says so itself
+        with BagReader(bag):  # what is no bag says so itself
             pass
         if not robot:
             raise ConfigError("soro view", "--robot", None, f"given, as {bag} has no scene") from None

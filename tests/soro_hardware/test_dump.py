@@ -167,7 +167,7 @@ def test_doctor_with_pressure(device, before, status, level):
     described, address, client = device
     for fault in filter(None, (before, f"{OPEN}, at: 3")):
         client.inject(read_injection(fault))
-    done = call(described, "--device", address, "--dump", "--yes", "--json", "--lockstep", "--wait-s", "5")
+    done = call(described, "--device", address, "--dump", "--yes", "--json", "--lockstep", "--wait", "5s")
     client.inject(read_injection("fault: clear"))
     assert done.exit_code == status, done.output
     (finding,) = json.loads(done.stdout)

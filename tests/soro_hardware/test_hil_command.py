@@ -34,7 +34,7 @@ def call(folder, *arguments):
 
 
 def pressurise(folder, described, address, *more):
-    options = ("--steps-kpa", "5,8", "--hold-s", "0.6", "--yes")
+    options = ("--steps", "5,8kPa", "--hold", "600ms", "--yes")
     return call(folder, "first-pressure", described, "--device", address, *options, *more)
 
 
@@ -60,7 +60,7 @@ def test_first_pressure_ends_in_a_report(device, tmp_path):
 @pytest.mark.slow
 def test_latency_ends_in_a_report(device, tmp_path):
     described, address, _ = device
-    options = ("--repeat", "4", "--hold-s", "0.3", "--yes")
+    options = ("--repeat", "4", "--hold", "0.3s", "--yes")
     status, output, report = call(tmp_path, "latency", described, "--device", address, *options)
     assert status == 0, output
     (chamber,) = report["chambers"]
@@ -81,13 +81,13 @@ def test_latency_ends_in_a_report(device, tmp_path):
             ["first-pressure", "emulated_canopen", "--ask", "--yes", "--robot", "six_link"],
             "--yes: got '--ask'",
         ),
-        (["first-pressure", "emulated_canopen", "--steps-kpa", "5;10"], "--steps-kpa: got '5;10'"),
+        (["first-pressure", "emulated_canopen", "--steps", "5;10"], "--steps: got '5;10'"),
         (
-            ["first-pressure", "emulated_canopen", "--device", "/x", "--steps-kpa", "95"],
-            "--steps-kpa: got '95'; allowed: rising set points above 0, up to the platform's 90, in kPa",
+            ["first-pressure", "emulated_canopen", "--device", "/x", "--steps", "95kPa"],
+            "--steps: got '95kPa'; allowed: a pressure from 0 Pa to 90000 Pa, like 5,10,20kPa",
         ),
-        (["first-pressure", "emulated_canopen", "--steps-kpa", "10,5"], "--steps-kpa: got '10,5'"),
-        (["first-pressure", "emulated_canopen", "--steps-kpa", "nan"], "--steps-kpa: got 'nan'"),
+        (["first-pressure", "emulated_canopen", "--steps", "10,5kPa"], "--steps: got '10,5kPa'"),
+        (["first-pressure", "emulated_canopen", "--steps", "nan"], "--steps: got 'nan'"),
         (
             ["first-pressure", "emulated_canopen", "--device", "/x", "--robot", "six_link", "--pose", "/x"],
             "chambers: got",

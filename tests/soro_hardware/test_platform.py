@@ -72,7 +72,7 @@ BAD = {
     "NaN": ({"range": {"maximum_pa": float("nan")}}, ("range.maximum_pa", "nan")),
     "no vent in the range": ({"range": {"minimum_pa": 5e3}}, ("range.minimum_pa", "5000.0")),
     "empty range": ({"range": {"maximum_pa": 0.0}}, ("range.maximum_pa", "0.0")),
-    "pressure as text": ({"range": {"maximum_pa": "90 kPa"}}, ("range.maximum_pa", "'90 kPa'")),
+    "pressure as text": ({"range": {"maximum_pa": "90 kPa gauge"}}, ("range.maximum_pa", "'90 kPa gauge'")),
     "rate 0": ({"cycle_hz": 0.0}, ("cycle_hz", "0.0")),
     "rate too slow for the deadline": (
         {"cycle_hz": 20.0},

@@ -1,5 +1,6 @@
 """The command line: wrong use and wrong files are one line that names file and key, and exit status 2."""
 
+import re
 import subprocess
 from pathlib import Path
 from unittest.mock import ANY
@@ -35,6 +36,57 @@ def test_every_command_explains_itself(soro, arguments):
     status, out, _ = soro(*arguments, "--help")
     assert status == 0
     assert "Usage" in out
+
+
+def test_the_help_shows_the_core_commands_first(soro):
+    status, out, _ = soro("--help")
+    groups = re.findall(r"╭─ ([^─]+) ─", out)
+    assert (status, groups[:2]) == (0, ["Options", "Core commands"])
+    core = out.split("─ Core commands ─")[1].split("╰─")[0]
+    named = re.findall(r"^│ ([a-z-]+) ", core, re.MULTILINE)
+    assert named == ["new", "run", "view", "report", "excite", "identify", "doctor", "move"]
+    assert "film" not in out.split()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [
+        (("rnu",), "'run'"),
+        (("reach", "tue_three_belows"), "did you mean tue_three_bellow?"),
+        (("run", "track_circel"), "did you mean track_circle?"),
+        (("trade", "track_circel"), "did you mean track_circle?"),
+        (("doctor", "emulated_canpen"), "did you mean emulated_canopen?"),
+        (("gains", "track_circle", "--set", "twin.paylod_kg=10g"), "did you mean payload_kg?"),
+        (("gains", "track_circle", "--set", "contoller.adapt=false"), "did you mean controller?"),
+        (("gains", "track_circle", "--set", "controller.law=compsite"), "did you mean composite?"),
+    ],
+)
+def test_what_was_meant_is_asked(soro, arguments, meant):
+    status, _, err = soro(*arguments)
+    assert status == 2
+    assert meant in err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (
+            ("doctor", "emulated_canopen", "--dump", "--pressure", "8mm"),
+            ("--pressure", "'8mm'", "kPa", "bar"),
+        ),
+        (("doctor", "emulated_canopen", "--dump", "--pressure", "8"), ("--pressure", "'8'", "5000 Pa")),
+        (("reach", "tue_three_bellow", "--load", "20mm"), ("--load", "'20mm'", "kg", "g")),
+        (("vent", "--timeout", "5g"), ("--timeout", "'5g'", "ms")),
+        (("move", "to", "1", "2", "3kg"), ("X Y Z", "'3kg'", "mm")),
+        (("excite", "track_circle", "--box", "2kg"), ("--box", "'2kg'", "mm")),
+        (("plot", "x", "--start", "2m"), ("--start", "'2m'", "s, ms")),
+    ],
+)
+def test_an_option_with_a_wrong_unit_is_one_line(soro, arguments, names):
+    status, _, err = soro(*arguments)
+    assert status == 2
+    (line,) = err.splitlines()
+    assert all(name in line for name in names), line
 
 
 def test_the_automatic_numbers_of_a_scene_are_printed(soro):
@@ -180,8 +232,8 @@ def test_changes_are_read_as_files_are(change, key, got):
 
 
 def test_help_keeps_units_and_has_no_broken_lines(soro):
-    _, out, _ = soro("hil", "first-pressure", "--help")
-    assert "[kPa gauge]" in out
+    _, out, _ = soro("fit", "pressures", "--help")
+    assert "[Pa gauge]" in out
     _, out, _ = soro("emulate", "--help")
     assert "ports are separated by commas. Give that" in out  # a whole line of the terminal
 

@@ -139,14 +139,14 @@ def test_an_interrupt_vents_closes_the_bag_and_is_no_error(domain, tmp_path):
     [
         (("--set", "twin.pose.enabled=false"), "twin.pose.enabled", ("twin.imu",)),
         (
-            ("--set", "twin.pose.enabled=false", "--set", "twin.imu.enabled=true", "--box-mm", "40"),
+            ("--set", "twin.pose.enabled=false", "--set", "twin.imu.enabled=true", "--box", "40mm"),
             "excite.motion.box_m",
             ("bend_rad",),
         ),
-        (("--box-mm", "wide"), "--box-mm", ()),
-        (("--box-mm", "0"), "excite.motion.box_m", ()),
+        (("--box", "wide"), "--box", ()),
+        (("--box", "0"), "excite.motion.box_m", ()),
         (("--duration", "20"), "excite.duration_s", ("3 chambers",)),
-        (("--max-kpa", "95"), "excite.maximum_pa", ("90000",)),
+        (("--max", "95kPa"), "excite.maximum_pa", ("90000",)),
         (("--levels", "0"), "excite.levels", ()),
         (("--stages", "jumps"), "excite.stages[0]", ("singles",)),
         (("--release",), "excite.release", ("arm: real",)),

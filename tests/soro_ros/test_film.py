@@ -10,7 +10,6 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from soro_core.config import find_config, with_changes
-from soro_core.errors import BagError, ConfigError
 from soro_core.robot import load_robot
 from soro_core.twin.config import PayloadChanges
 from soro_lab.scene import load_scene
@@ -30,6 +29,19 @@ def shown():
 def test_the_drawn_tip_is_the_recorded_one(shown):
     assert shown.t == pytest.approx(np.arange(0.5, 1.51, 0.1))
     assert shown.poses[:, -1, :3, 3] == pytest.approx(shown.recording.true_tip.at(shown.t), abs=1e-7)
+
+
+def test_a_film_goes_on_behind_control_until_the_recording_ends(soro, tmp_path, monkeypatch):
+    taken = []
+    monkeypatch.setattr(film, "still", lambda shown, file, width: taken.append(shown) or file.touch())
+    scene = tmp_path / "scene.yaml"
+    scene.write_text((BAG / "scene.yaml").read_text().replace("duration_s: 2.0", "duration_s: 1.5"))
+    (tmp_path / "bag").symlink_to(BAG)
+    assert soro("film", str(tmp_path), "--out", str(tmp_path / "film.png")).status == 0
+    assert taken[0].scene.duration_s == 1.5
+    assert taken[0].t[-1] == pytest.approx(1.9)
+    assert np.all(np.isnan(taken[0].command[-1]))
+    assert np.all(np.isfinite(taken[0].command[10]))
 
 
 def test_a_real_arm_is_drawn_as_it_was_estimated(monkeypatch, shown):
@@ -74,9 +86,9 @@ def test_three_bellows_lie_beside_one_another():
 
 @pytest.mark.slow
 def test_gif_and_png(tmp_path):
-    app, run = application(), ["film", str(BAG), "--start", "1", "--end", "1.4", "--width", "320"]
+    app, run = application(), ["plot", str(BAG), "--start", "1s", "--end", "1400ms", "--width", "320"]
     for name in ("film.gif", "film.png"):
-        result = CliRunner().invoke(app, [*run, "--out", str(tmp_path / name)])
+        result = CliRunner().invoke(app, [*run, "--film", str(tmp_path / name)])
         assert result.exit_code == 0, result.output
     with Image.open(tmp_path / "film.gif") as gif:
         assert (gif.size, gif.n_frames, gif.info["duration"]) == ((320, 180), 5, 100)
@@ -91,13 +103,19 @@ def test_gif_and_png(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("options", "error"),
-    [(["--out", "film.avi"], ConfigError), (["--start", "1.99"], BagError)],
-    ids=["no such kind of file", "begins at the end of the run"],
+    ("options", "says"),
+    [
+        (["film.avi"], "--film"),
+        (["film.gif", "--start", "1.99"], BAG.name),
+        (["film.gif", "-t", "/arm/tip"], "--film"),
+    ],
+    ids=["no such kind of file", "begins at the end of the run", "another picture too"],
 )
-def test_what_cannot_be_drawn_is_refused(options, error):
-    result = CliRunner().invoke(application(), ["film", str(BAG), *options])
-    assert isinstance(result.exception, error)
+def test_what_cannot_be_drawn_is_refused(options, says):
+    result = CliRunner().invoke(application(), ["plot", str(BAG), "--film", *options])
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert says in line
 
 
 def test_the_load_is_that_of_the_time(shown):

@@ -84,7 +84,7 @@ def test_ctrl_c_until_a_command_begins_ends_at_once(monkeypatch):
     """Whatever is imported or forgotten meanwhile."""
     seen = []
     monkeypatch.setattr(
-        cli, "application", lambda begin: seen.append(signal.getsignal(signal.SIGINT)) or typer.Typer()
+        cli, "application", lambda *_: seen.append(signal.getsignal(signal.SIGINT)) or typer.Typer()
     )
     before = signal.getsignal(signal.SIGINT)
     monkeypatch.setattr(sys, "argv", ["soro", "--help"])
@@ -226,7 +226,7 @@ def test_a_process_that_never_listens_is_ended(tmp_path):
 @pytest.mark.parametrize("file", ["/dev/full", "/none/summary.json"])
 def test_a_file_that_cannot_be_written_is_one_line(monkeypatch, capsys, file):
     class Writing:
-        def __init__(self, begin):
+        def __init__(self, *_):
             """Leave the signals as they are."""
 
         def __call__(self):

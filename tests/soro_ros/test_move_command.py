@@ -130,12 +130,12 @@ def asked(soro, monkeypatch):
 
 
 def test_lines_splines_and_points_begin_where_the_tip_is_wanted(asked):
-    ended, one = asked("line", "-15", "0", "66.5", "15", "0", "66", "--speed-mm-s", "40")
+    ended, one = asked("line", "-15", "0", "66.5", "15", "0", "66", "--speed", "40mm/s")
     assert ended.status == 0
     corner = [-15, 0, 66.5]
     assert one.path == pytest.approx(np.array([[1, 2, 66], corner, corner, [15, 0, 66]]))
     assert one.parameters == {"control.motion.speed_m_s": pytest.approx(0.04)}
-    _, one = asked("line", "--relative", "-5", "0", "1", "--acceleration-mm-s2", "100")
+    _, one = asked("line", "--relative", "-5", "0", "1", "--acceleration", "100mm/s2")
     assert one.path == pytest.approx(np.array([[1, 2, 66], [-4, 2, 67]]))
     assert one.parameters == {"control.motion.acceleration_m_s2": pytest.approx(0.1)}
     _, one = asked("spline", "0", "0", "67", "-5", "-5", "66")

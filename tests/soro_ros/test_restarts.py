@@ -50,7 +50,7 @@ class Suite(ArmWatch):
             "regulator": {**loop, "platform": platform, "device": device, **ages},
             "recorder": {"folder": bags},
         }
-        self._valves = [platform, "--device-link", device, "--plant-link", plant, "--cycle-hz", 50.0]
+        self._valves = [platform, "--device-link", device, "--plant-link", plant, "--rate", "50Hz"]
         self._folder, self._bags = folder, 0
         super().__init__("suite", "regulator")
         self.processes: dict[str, subprocess.Popen[bytes]] = {}

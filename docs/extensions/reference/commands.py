@@ -26,7 +26,8 @@ def _leaves(command: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Yield the commands that do something, with their full names."""
     inner = getattr(command, "commands", {})
     for key, one in inner.items():
-        yield from _leaves(one, f"{name} {key}")
+        if not one.hidden:
+            yield from _leaves(one, f"{name} {key}")
     if not inner:
         yield name, command
 

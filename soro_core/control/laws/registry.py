@@ -17,6 +17,7 @@ from typing import Any, TypeAlias
 from soro_core import registered
 from soro_core.control.laws.guard import told
 from soro_core.control.laws.protocol import Law, LawOptions
+from soro_core.errors import nearest
 
 AnyLaw: TypeAlias = type[Law[Any]]
 
@@ -53,7 +54,7 @@ def find_law(name: str) -> AnyLaw:
     if place := _IN_FILE.fullmatch(name):
         return _law_of_file(Path(place[1]), place[2])
     if name not in names():
-        raise ValueError(_allowed())
+        raise ValueError(_allowed() + nearest(name, names()))
     law: AnyLaw = registered.load(GROUP, SHIPPED, name, _is_law, _ONE)
     return law
 

@@ -19,6 +19,7 @@ from pydantic import Field, model_validator
 
 from soro_core.config import Strict, parse, read_mapping
 from soro_core.errors import ConfigError
+from soro_core.files.units import as_number, unit_of
 
 Group: TypeAlias = Literal["bus", "stop", "device", "pneumatic", "sensor"]
 
@@ -137,9 +138,10 @@ class Injection(Strict):
             raise ValueError(f"{named}: {allowed}, not {key}")
         if not kind.key or kind.key not in data:
             return data
-        if isinstance(data[kind.key], bool) or not isinstance(data[kind.key], int | float):
+        value = as_number(data[kind.key], unit_of(kind.key))
+        if isinstance(value, bool) or not isinstance(value, int | float):
             raise ValueError(f"{named}: {kind.key} is a number")
-        return {**{key: item for key, item in data.items() if key != kind.key}, "value": data[kind.key]}
+        return {**{key: item for key, item in data.items() if key != kind.key}, "value": value}
 
     @model_validator(mode="after")
     def _known(self) -> Self:
@@ -166,7 +168,11 @@ class Injection(Strict):
     def __str__(self) -> str:
         of = f" of {self.chamber}" if self.chamber else ""
         key = KINDS[self.fault].key if self.fault in KINDS else ""
-        return f"{self.fault}{of}{f' ({key} {self.parameter:g})' if key else ''}"
+        if not key:
+            return f"{self.fault}{of}"
+        if key.endswith("_pa"):
+            return f"{self.fault}{of} ({key.removesuffix('_pa')} {1e-3 * self.parameter:g} kPa)"
+        return f"{self.fault}{of} ({key} {self.parameter:g})"
 
     def as_text(self) -> str:
         """Return the fault as text for `read_injection`."""

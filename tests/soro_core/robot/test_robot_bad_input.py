@@ -43,7 +43,7 @@ BAD = [
     (("links", 0, "lenght"), 0.1, "links[0].lenght", "an unknown key", "length"),
     (("links", 0, "length"), REMOVED, "links[0].length", "nothing", "required"),
     (("links", 0, "length"), -0.1, "links[0].length", "-0.1", "greater than 0"),
-    (("links", 0, "length"), "10 cm", "links[0].length", "10 cm", "number"),
+    (("links", 0, "length"), "10 kg", "links[0].length", "10 kg", "cm"),
     (("links", 0, "length"), True, "links[0].length", "True", "number"),
     (("links", 0, "length"), float("nan"), "links[0].length", "nan", "finite"),
     (("links", 0, "radius"), 0, "links[0].radius", "0", "greater than 0"),

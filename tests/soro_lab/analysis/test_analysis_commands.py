@@ -22,7 +22,7 @@ def soro(tmp_path, monkeypatch):
 
 
 def test_reach_writes_picture_and_numbers(soro, tmp_path):
-    result = soro("reach", "tue_three_bellow", "--load-g", "10", "--json", "reach.json")
+    result = soro("reach", "tue_three_bellow", "--load", "10g", "--json", "reach.json")
     assert result.exit_code == 0, result.output
     assert (tmp_path / "tue_three_bellow_reach.png").stat().st_size > 10_000
     written = json.loads((tmp_path / "reach.json").read_text())
@@ -79,9 +79,9 @@ def test_a_noise_that_is_larger_makes_a_sensor_worth_less(soro, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "key"),
     [
-        (("reach", "tue_three_bellow", "--low-kpa", "nan"), "--low-kpa"),
-        (("reach", "tue_three_bellow", "--high-kpa", "inf"), "--high-kpa"),
-        (("reach", "tue_three_bellow", "--low-kpa", "95"), "--low-kpa"),
+        (("reach", "tue_three_bellow", "--low", "nan"), "--low"),
+        (("reach", "tue_three_bellow", "--high", "inf"), "--high"),
+        (("reach", "tue_three_bellow", "--low", "95kPa"), "--low"),
         (("reach", "tue_three_bellow", "--out", "a.pdf"), "--out"),
         (("reach", "tue_three_bellow", "--json", "a.txt"), "--json"),
         (("reach", "silicone_rod"), "robot"),

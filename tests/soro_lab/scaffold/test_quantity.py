@@ -22,7 +22,7 @@ from tests.refused import refused
     ],
 )
 def test_numbers_are_read_with_their_units(kind, text, values):
-    assert kind.read(text, "--x") == pytest.approx(values, rel=1e-9)
+    assert kind.read(text, "soro new", "--x") == pytest.approx(values, rel=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +40,7 @@ def test_numbers_are_read_with_their_units(kind, text, values):
 )
 def test_other_texts_are_refused_with_the_option(kind, text):
     with refused("--x", text, (kind.example,)):
-        kind.read(text, "--x")
+        kind.read(text, "soro new", "--x")
 
 
 def test_a_value_is_for_all_links_or_one_each():

@@ -59,9 +59,9 @@ def test_a_requirement_that_is_not_met(soro):
     ("arguments", "message"),
     [
         (("small.yaml", "--error", "1"), "like 1%"),
-        (("small.yaml", "--error", "1%", "--rate-hz", "100"), "one requirement"),
+        (("small.yaml", "--error", "1%", "--rate", "100"), "one requirement"),
         (("small.yaml", "--preset", "huge"), "allowed are quick"),
-        (("small.yaml", "--seconds", "-1"), "0.1 to 600"),
+        (("small.yaml", "--seconds", "-1"), "0.1 s to 600"),
         (("absent",), "a scene (contact_with_a_wall, "),
         (("absent.yaml",), "no such file"),
         (("small.yaml", "--jobs", "2", "--dask", "tcp://127.0.0.1:1"), "either"),

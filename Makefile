@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 QUICK  := "not process and not ros and not slow"
 
-.PHONY: run gallery identify check quick coverage test pytest docs alicatlib colcon lint bench soak newest numerics clean
+.PHONY: run gallery identify check quick coverage test pytest docs alicatlib colcon tf2_msgs lint bench soak newest numerics clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
@@ -59,6 +59,13 @@ colcon: $(COLCON)/.installed $(VENV)/.installed-test
 $(COLCON)/.installed:
 	$(PYTHON) -m venv $(COLCON)
 	$(COLCON)/bin/python -m pip install --quiet --disable-pip-version-check colcon-common-extensions 'setuptools>=68,<80'
+	@touch $@
+
+# The messages of /tf, which the ROS wheels lack: with cmake and g++, and their generators beside the environment.
+tf2_msgs: $(VENV)/.tf2_msgs
+
+$(VENV)/.tf2_msgs: tests/installation/tf2_msgs.py | $(VENV)/.installed-test
+	$(BIN)/python -m tests.installation.tf2_msgs
 	@touch $@
 
 lint: $(VENV)/.installed-test

@@ -61,9 +61,14 @@ def derivatives_in_a_loop(arm: SoftArm, q: Array, qd: Array) -> Callable[[int], 
 
 
 def in_a_loop(
-    arm: SoftArm, q: Array, qd: Array, pressure: float = 0.0, internal: float = 0.0, force: float = 0.0
+    arm: SoftArm,
+    q: Array,
+    qd: Array,
+    pressure: float | Array = 0.0,
+    internal: float = 0.0,
+    force: float = 0.0,
 ) -> Callable[[int], None]:
-    """Run of n calls at the states (count, n_q), with all pressures, internal states and tip forces alike."""
+    """Run of n calls at the states (count, n_q), with pressures; internal states and tip forces alike."""
     z, p = np.full(arm.n_internal, internal), np.full(arm.n_u, pressure)
     w = np.full_like(flat_wrench(arm.robot, None), force)
     qdd = np.zeros(arm.n_q)

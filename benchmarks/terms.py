@@ -11,7 +11,7 @@ from benchmarks import kernels
 from benchmarks.options import Options
 from benchmarks.report import figure, table
 from benchmarks.timing import per_call
-from soro_core import SoftArm, robot_from_dict, simulate
+from soro_core import Shake, SoftArm, robot_from_dict, simulate
 from soro_core.pneumatics import ValveModel
 
 TITLE = "Cost of each ingredient"
@@ -20,6 +20,8 @@ MATERIAL = {"youngs_modulus": 5e5, "shear_modulus": 5e5 / 3, "shear_correction":
 LINK: dict[str, Any] = {"length": 0.05, "radius": 0.015, "density": 1100.0, "material": MATERIAL}
 LAW = {"material": None, "k_e": [8000.0, 3000.0, 20.0], "k_b": [0.4, 0.1, 0.5]}
 CHAMBERS = [{"angle_rad": 2.1 * i, "area_m2": 5e-5, "offset_m": 0.008} for i in range(3)]
+TENDONS = [{"angle_rad": 2.1 * i, "offset_m": 0.008} for i in range(3)]
+SHAKE = Shake(frequency_hz=5.0, amplitude_m=(0.01, 0.0, 0.0), amplitude_rad=(0.0, 0.2, 0.0))
 CREEP = [{"tau": 0.05, "stiffness": [100.0, 1e-3, 1e-3]}]
 HYSTERESIS = [{"stiffness": [100.0, 1e-3, 1e-3], "range": [0.05, 1.0, 1.0]}]
 SIX = ("elongation", "bending_x", "bending_y", "torsion", "shear_x", "shear_y")
@@ -65,6 +67,14 @@ INGREDIENTS: dict[str, Ingredient] = {
     "three chambers a link": ({"chambers": CHAMBERS}, {}, {}, 0.0),
     "their area by strain": ({"chambers": [{**one, "area_slope": -5.0} for one in CHAMBERS]}, {}, {}, 0.0),
     "their air as states, behind valves": ({"chambers": CHAMBERS}, {}, {}, 0.0),
+    "three straight tendons along all links": ({}, {"tendons": TENDONS}, {}, 0.0),
+    "three helical tendons along all links": (
+        {},
+        {"tendons": [{**one, "turns": 1.0} for one in TENDONS]},
+        {},
+        0.0,
+    ),
+    "a base that shakes": ({}, {}, {}, 0.0),
     "all six strains": ({"strains": {name: {} for name in SIX}}, {}, {}, 0.0),
     "method mde, 20 steps a link": ({}, {}, {"method": "mde"}, 0.0),
 }
@@ -87,8 +97,10 @@ def run(options: Options) -> str:
         options.say(name)
         arm = make(case)
         q, qd = states(arm)
-        calls[name] = kernels.in_a_loop(arm, q, qd, pressure=1e4, internal=0.01, force=case[3])
-        steps[name] = stepping(arm, q[0], ValveModel() if "behind valves" in name else None)
+        calls[name] = kernels.in_a_loop(arm, q, qd, pressure(arm), internal=0.01, force=case[3])
+        steps[name] = stepping(
+            arm, q[0], ValveModel() if "behind valves" in name else None, SHAKE if "base" in name else None
+        )
     options.say("timing")
     call_s, step_s = per_call(calls, options.repeats), per_call(steps, options.repeats)
     base, base_step = call_s["all off"], step_s["all off"]
@@ -106,7 +118,8 @@ def run(options: Options) -> str:
     intro = (
         f"{LINKS} links of three strains, linear material without viscosity, no gravity; each ingredient by "
         "itself on top of that. A step is one of 0.5 ms of `simulate`; the iterations that it needs differ. "
-        "Air is a state of the step alone: forward dynamics takes pressures."
+        "Air is a state of the step alone: forward dynamics takes pressures. A base that moves too is one of "
+        "the step, with its function of time in Python."
     )
     return f"{intro}\n\n{table(head, rows)}"
 
@@ -129,15 +142,24 @@ def states(arm: SoftArm, count: int = 64) -> tuple[np.ndarray, np.ndarray]:
     return q, rng.normal(size=q.shape) * 5 * scale
 
 
-def stepping(arm: SoftArm, q0: np.ndarray, valves: ValveModel | None) -> Callable[[int], None]:
+def pressure(arm: SoftArm) -> np.ndarray:
+    """1e4 Pa in all chambers, 0.5 N in all tendons."""
+    return np.repeat([1e4, 0.5], [len(arm.robot.chamber_names), len(arm.robot.tendons)])
+
+
+def stepping(
+    arm: SoftArm, q0: np.ndarray, valves: ValveModel | None, base: Shake | None = None
+) -> Callable[[int], None]:
     """Run of n steps."""
-    pressure = np.full(arm.n_u, 1e4)
+    held = pressure(arm)
 
     def run(n: int) -> None:
         done = 0
         while done < n:
             part = min(n - done, 100)
-            result = simulate(arm, 0.2 * q0, t_end=part * 5e-4, dt=5e-4, pressure=pressure, valves=valves)
+            result = simulate(
+                arm, 0.2 * q0, t_end=part * 5e-4, dt=5e-4, pressure=held, valves=valves, base=base
+            )
             if not result.status.ok:
                 raise RuntimeError(result.status)
             done += part

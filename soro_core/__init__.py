@@ -14,7 +14,9 @@ if TYPE_CHECKING:
     from soro_core.loop import Loop as Loop
     from soro_core.model import SoftArm as SoftArm
     from soro_core.model.equilibrium.statics import equilibrium as equilibrium
+    from soro_core.robot import BaseState as BaseState
     from soro_core.robot import Robot as Robot
+    from soro_core.robot import Shake as Shake
     from soro_core.robot import load_robot as load_robot
     from soro_core.robot import robot_from_dict as robot_from_dict
     from soro_core.robot import save_robot as save_robot
@@ -29,6 +31,6 @@ __all__, __getattr__ = lazy(
         ".loop": "Loop",
         ".model": "SoftArm",
         ".model.equilibrium.statics": "equilibrium",
-        ".robot": "Robot load_robot robot_from_dict save_robot",
+        ".robot": "BaseState Robot Shake load_robot robot_from_dict save_robot",
     },
 )

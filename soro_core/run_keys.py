@@ -21,8 +21,12 @@ class Frames(Strict):
     """
 
     world: _Name = Field("world", description="the world: of every published pose and of arm/reference/tip")
-    base: _Name = Field("base", description="the base of the arm: of arm/reference/path without a frame")
-    tip: _Name = Field("tip", description="the tip of the arm, on /tf")
+    base: _NameOrNone = Field(
+        "",
+        description="the base of the arm: of arm/reference/path without a frame; empty: base, behind the "
+        "namespace. Frames on the arm stand beside it",
+    )
+    tip: _NameOrNone = Field("", description="the tip of the arm, on /tf; empty: tip, beside the base")
     pose: _NameOrNone = Field(
         "", description="frame that sensors/pose0, pose1, ... must state: that of your tracker; empty: world"
     )
@@ -34,9 +38,18 @@ class Frames(Strict):
 
     @model_validator(mode="after")
     def _differ(self) -> Frames:
-        if len({self.world, self.base, self.tip}) < 3:
+        if len({self.world, self.base or "base", self.tip or "tip"}) < 3:
             raise ValueError("names of world, base and tip that differ")
         return self
+
+    def within(self, namespace: str) -> Frames:
+        """Return them with names of base and tip: those that are not stated stand behind a namespace."""
+        named = self.model_copy(update={"base": self.base or f"{namespace}/base".lstrip("/")})
+        return named.model_copy(update={"tip": self.tip or named.beside("tip")})
+
+    def beside(self, name: str) -> str:
+        """Return the name of another frame of the arm, beside its base."""
+        return f"{self.base.rpartition('/')[0]}/{name}".lstrip("/")
 
     @property
     def of_poses(self) -> str:
@@ -46,6 +59,10 @@ class Frames(Strict):
     def of_imu(self, number: int) -> str:
         """Frame that samples of an IMU must state; empty for any."""
         return self.imu[number] if number < len(self.imu) else ""
+
+    def imu_name(self, number: int) -> str:
+        """Frame of an IMU: the stated one, else one beside the base."""
+        return self.of_imu(number) or self.beside(f"imu{number}")
 
 
 Mode: TypeAlias = Literal["real_time", "lockstep"]

@@ -33,15 +33,7 @@ def new_folder(parent: Path, name: str) -> Path:
 
 
 def bag_of(run: Path) -> Path:
-    """Return the bag of a run's folder; of a bag, itself.
-
-    Raises
-    ------
-    BagError
-        If there is no such file or folder.
-    """
-    if not run.exists():
-        raise BagError("no such file or folder", run, "missing")
+    """Return the bag of a run's folder; of a bag, itself."""
     return run / "bag" if (run / "bag").is_dir() else run
 
 
@@ -56,8 +48,10 @@ def bag_and_scene(run: Path) -> tuple[Path, Path]:
     Raises
     ------
     BagError
-        If there is no scene.
+        If there is no such file or folder, or no scene.
     """
+    if not run.exists():
+        raise BagError("no such file or folder", run, "missing")
     for folder in (run, run.parent):
         for name in _SCENES:
             if (folder / name).exists():

@@ -143,7 +143,7 @@ def application(begin: Callable[[], None] = lambda: None, needed: set[str] | Non
 def main() -> NoReturn:
     """Entry point: exit status 0 on success, 1 on failure, 2 on wrong use, configuration or installation."""
     previous = signal.signal(signal.SIGINT, leave)
-    from soro_core.errors import ConfigError, SoroError
+    from soro_core.errors import BagError, ConfigError, SoroError
     from soro_core.extras import named_packages
 
     def begin() -> None:
@@ -157,7 +157,7 @@ def main() -> NoReturn:
         sys.exit(2)
     except SoroError as error:
         print(f"soro: {error}", file=sys.stderr)
-        sys.exit(1)
+        sys.exit(2 if isinstance(error, BagError) and error.code != "disk" else 1)
     except OSError as error:  # a full disk, a file of another user
         # An error of a write, unlike one of an open, does not have the name of the file.
         what = (error.filename, error.strerror or str(error))

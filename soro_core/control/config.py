@@ -13,11 +13,11 @@ from soro_core.control.laws.registry import find_law, with_folder
 from soro_core.control.motion_config import EnableBounds, MotionConfig
 from soro_core.control.passivity.adaptation_config import Adaptation
 from soro_core.errors import ConfigError
-from soro_core.robot import Robot
+from soro_core.robot import Robot, refuse_tendons
 
 
 def require_chambers(robot: Robot, where: str) -> None:
-    """Refuse a robot without chambers.
+    """Refuse a robot without chambers, or with tendons.
 
     Raises
     ------
@@ -26,6 +26,7 @@ def require_chambers(robot: Robot, where: str) -> None:
     """
     if not robot.chamber_names:
         raise ConfigError(where, "robot", f"{robot.name}, which has no chambers", "a robot with chambers")
+    refuse_tendons(robot, where)
 
 
 class Gains(Strict):

@@ -110,6 +110,8 @@ def air_behind(arm: SoftArm, valves: ValveModel | None) -> Air:
     """
     if valves is None:
         return NO_AIR
+    if arm.robot.tendons:
+        raise ModelError(f"{arm.robot.name}: valves with tendons: allowed is an arm without", "valves")
     laws = {"dead_band_pa": arm.tables.dead_band, "swell_per_pa": arm.tables.swell}
     for key, values in laws.items():
         for name, value in zip(arm.robot.chamber_names, values, strict=True):

@@ -8,6 +8,7 @@ from typing import NamedTuple
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.arrays import Array
+from soro_core.integrate.base_motion import move_base
 from soro_core.integrate.step_work import LATEST, StepInput, Stepping, StepWork, assign_state
 from soro_core.integrate.steppers.scheme import RESOLVED
 from soro_core.integrate.steppers.tableau import Tableau
@@ -67,6 +68,7 @@ def explicit_step(
             assign(work.memory[LATEST], acceleration)
             continue
         interpolate(held.pressure, part.begin + part.part * m.nodes[stage], work.stage_pressure)
+        move_base(t.base, t, work.stage_pressure)
         code = forward_dynamics(t, work.model, end, work.stage_pressure, held.wrench, acceleration)
         if code != GOOD:
             return code

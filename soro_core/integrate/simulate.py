@@ -14,11 +14,12 @@ from numpy.typing import ArrayLike
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import air_behind, air_pressures, initial_air
+from soro_core.integrate.base_motion import Base, base_rows, moved
 from soro_core.integrate.causes import BY_LOAD, describe_at
 from soro_core.integrate.state import Status
 from soro_core.integrate.stepper import internal_states, run_of, stepping
 from soro_core.model import SoftArm
-from soro_core.model.checks import finite, flat_wrench, number, require, shaped
+from soro_core.model.checks import finite, flat_wrench, number, refuse_push, require, shaped
 from soro_core.model.equilibrium.statics import carried_share
 from soro_core.pneumatics.chamber import Gas
 from soro_core.pneumatics.valve_model import ValveModel
@@ -43,11 +44,13 @@ class Result:
     internal : (n_t, n_internal)
         States of creep and hysteresis.
     pressure : (n_t, n_u)
-        Gauge pressures of the chambers [Pa].
+        Gauge pressures of the chambers [Pa], then tensions of the tendons [N].
     status : Status
         ``ok``, or what failed, when, and what to do.
     arm : SoftArm
         The arm.
+    base : (n_t, 24), optional
+        Motion of a base that moves: its rotation in the world, row by row, its position, twist, and rate.
     """
 
     t: Array
@@ -57,6 +60,7 @@ class Result:
     pressure: Array
     status: Status
     arm: SoftArm
+    base: Array | None = None
 
     def __repr__(self) -> str:
         name, n = self.arm.robot.name, self.q.shape[1]
@@ -65,10 +69,11 @@ class Result:
     @property
     def tip(self) -> Array:
         """Positions of the tip in the world (n_t, 3) [m]."""
-        return self.arm.poses(self.q, self.arm.length)[:, :3, 3]
+        poses = self.arm.poses(self.q, self.arm.length)
+        return (poses if self.base is None else moved(self.arm, self.base, poses))[:, :3, 3]
 
     def plot(self) -> Figure:
-        """Return a figure of the tip's way from its first place, coordinates and pressures over time."""
+        """Return a figure of the tip's way from its first place, coordinates and inputs over time."""
         from matplotlib.figure import Figure  # loaded late: most runs are not drawn
 
         figure = Figure(figsize=(8.0, 7.0), layout="constrained")
@@ -80,7 +85,8 @@ class Result:
             ("tip moves, mm", tip - tip[0], ("x", "y", "z")),
             ("bending, torsion, 1/m", self.q[:, ~stretch], _named(robot.coordinate_names, ~stretch)),
             ("elongation, shear", self.q[:, stretch], _named(robot.coordinate_names, stretch)),
-            ("pressure, kPa", 1e-3 * self.pressure, robot.chamber_names),
+            ("pressure, kPa", 1e-3 * self.pressure[:, : len(robot.chamber_names)], robot.chamber_names),
+            ("tension, N", self.pressure[:, len(robot.chamber_names) :], robot.tendon_names),
         ]
         panels = [panel for panel in panels if panel[2]]
         for axes, (label, rows, names) in zip(figure.subplots(len(panels), sharex=True), panels, strict=True):
@@ -101,7 +107,9 @@ def simulate(
     dt: float = 2e-3,
     integrator: str = "trapezoidal",
     pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
+    tension: Callable[[float], ArrayLike] | ArrayLike | None = None,
     wrench: ArrayLike | None = None,
+    base: Base | None = None,
     valves: ValveModel | None = None,
     pressure0: ArrayLike | None = None,
     internal0: ArrayLike | None = None,
@@ -121,9 +129,15 @@ def simulate(
         One of `soro_core.integrate.STEPPERS`; docs/adr/0009 compares them.
     pressure : callable, (n_u,) or (n_t, 3, n_u), optional
         Gauge pressures [Pa], with valves their set points: a function of time, constant, or given at the
-        start, the middle and the end of every step (the last row is not used); default 0.
+        start, the middle and the end of every step (the last row is not used); default 0. Without `tension`
+        the tensions of tendons stand behind the pressures.
+    tension : callable, (n_tendons,) or (n_t, 3, n_tendons), optional
+        Tensions of the tendons [N], 0 or more, likewise; `pressure` is then that of the chambers alone.
     wrench : (6,) or (n_wrenches, 6), optional
         Constant wrenches, as in `SoftArm.forward_dynamics`.
+    base : callable, optional
+        Motion of the base: its `BaseState` as a function of time, as a `Shake`; default at rest. The
+        coordinates are those seen from the base. Not with `valves`.
     valves : ValveModel, optional
         Proportional valves on all chambers: the mass of air in each is then a state, and its pressure follows
         from mass and volume (implicit integrators only).
@@ -147,7 +161,8 @@ def simulate(
 
     Notes
     -----
-    A line in the log of soro_core names pressures beyond `pressure_range_pa` of the robot.
+    A line in the log of soro_core names pressures beyond `pressure_range_pa` of the robot, and tensions
+    beyond `max_tension_n` of their tendon.
     """
     result = run_once(
         arm,
@@ -157,7 +172,9 @@ def simulate(
         dt=dt,
         integrator=integrator,
         pressure=pressure,
+        tension=tension,
         wrench=wrench,
+        base=base,
         valves=valves,
         pressure0=pressure0,
         internal0=internal0,
@@ -176,7 +193,9 @@ def run_once(
     dt: float = 2e-3,
     integrator: str = "trapezoidal",
     pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
+    tension: Callable[[float], ArrayLike] | ArrayLike | None = None,
     wrench: ArrayLike | None = None,
+    base: Base | None = None,
     valves: ValveModel | None = None,
     pressure0: ArrayLike | None = None,
     internal0: ArrayLike | None = None,
@@ -198,34 +217,54 @@ def run_once(
     z[0, : arm.n_internal] = _initial(internal0, arm.n_internal, "internal0", name)
     w = finite(flat_wrench(arm.robot, wrench), "wrench")
     arm.damping_force(q[0], v[0])  # refuses a collapsed start
-    table = _pressure_table(pressure, times, arm.n_u, name)
+    table = _table(
+        pressure, times, arm.n_u - (0 if tension is None else len(arm.robot.tendons)), "pressure", name
+    )
+    if tension is not None:
+        given = _table(tension, times, len(arm.robot.tendons), "tension", name)
+        table = np.concatenate((table, given), axis=2)
+    refuse_push(arm.robot, table, "pressure" if tension is None else "tension")
+    inputs, motion = table, None
+    if base is not None:
+        steps = np.stack(
+            (times, times + 0.5 * np.diff(times, append=times[-1]), np.append(times[1:], times[-1])), axis=1
+        )
+        rows = base_rows(base, arm, steps)
+        inputs, motion = np.concatenate((table, rows), axis=2), rows[:, 0]
     start = None if pressure0 is None else _initial(pressure0, arm.n_u, "pressure0", name)
     z[0, arm.n_internal :] = initial_air(air, arm, q[0], start)
-    last, code = run(stepping(arm, air), (times, table, w), (q, v, z))
+    last, code = run(stepping(arm, air, base), (times, inputs, w), (q, v, z))
     end = last + 1
     carried = carried_share(arm, table[last, 0], wrench) if code in BY_LOAD else 1.0
     status = describe_at(code, arm, q[last], f" at t = {times[last]:.6g} s", carried)
     pressures = table[:end, 0] if not isinstance(air, Gas) else air_pressures(air, z[:end, arm.n_internal :])
-    return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status, arm)
+    motion = None if motion is None else motion[:end]
+    return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status, arm, motion)
 
 
 def note_range(results: Sequence[Result]) -> None:
-    """Log one line if chambers had pressures beyond the range of their robot."""
+    """Log one line if chambers or tendons had inputs beyond the range of their robot."""
     for k, result in enumerate(results):
-        low, high = result.arm.robot.pressure_range_pa
+        robot = result.arm.robot
+        low, high = robot.input_range
         beyond = np.maximum(result.pressure - high, low - result.pressure).max(axis=0, initial=0.0)
         if (beyond > 1e-6 * (high - low)).any():
-            chamber = int(np.argmax(beyond))
-            values = result.pressure[:, chamber]
-            worst = values[int(np.argmax(np.abs(values - 0.5 * (low + high))))]
+            u = int(np.argmax(beyond / (high - low)))
+            values = result.pressure[:, u]
+            worst = values[int(np.argmax(np.abs(values - 0.5 * (low[u] + high[u]))))]
+            is_chamber = u < len(robot.chamber_names)
             logging.getLogger("soro_core").warning(
-                "simulate: pressure: %s of %s has %.4g Pa%s; its pressure_range_pa is %g to %g Pa gauge",
-                result.arm.robot.chamber_names[chamber],
-                result.arm.robot.name,
+                "simulate: %s: %s of %s has %.4g %s%s; its %s is %g to %g %s",
+                "pressure" if is_chamber else "tension",
+                (*robot.chamber_names, *robot.tendon_names)[u],
+                robot.name,
                 worst,
+                "Pa" if is_chamber else "N",
                 f" in run {k}" if len(results) > 1 else "",
-                low,
-                high,
+                "pressure_range_pa" if is_chamber else "range of tensions",
+                low[u],
+                high[u],
+                "Pa gauge" if is_chamber else "N (max_tension_n)",
             )
             return
 
@@ -252,25 +291,25 @@ def _times(t_end: float, dt: float, most: int) -> Array:
     return times
 
 
-def _pressure_table(
-    pressure: Callable[[float], ArrayLike] | ArrayLike | None, times: Array, n_u: int, whose: str
+def _table(
+    values: Callable[[float], ArrayLike] | ArrayLike | None, times: Array, n: int, name: str, whose: str
 ) -> Array:
-    """Return pressures (n_t, 3, n_u) at the start, the middle and the end of every step."""
-    table = np.zeros((len(times), 3, n_u))
-    if pressure is None:
+    """Return inputs (n_t, 3, n) at the start, the middle and the end of every step."""
+    table = np.zeros((len(times), 3, n))
+    if values is None:
         return table
-    if not callable(pressure):
+    if not callable(values):
         try:
-            stages = np.ndim(pressure) == 3
+            stages = np.ndim(values) == 3
         except ValueError:  # rows of different lengths, which `shaped` refuses
             stages = False
-        table[:] = shaped(pressure, table.shape if stages else (n_u,), "pressure", whose)
+        table[:] = shaped(values, table.shape if stages else (n,), name, whose)
         return table
     for k, time in enumerate(times):
-        table[k, 0] = shaped(pressure(float(time)), (n_u,), "pressure(t)", whose)
+        table[k, 0] = shaped(values(float(time)), (n,), f"{name}(t)", whose)
         if k + 1 < len(times):
             middle = float(0.5 * (time + times[k + 1]))
-            table[k, 1] = shaped(pressure(middle), (n_u,), "pressure(t)", whose)
+            table[k, 1] = shaped(values(middle), (n,), f"{name}(t)", whose)
     table[:-1, 2] = table[1:, 0]
     return table
 

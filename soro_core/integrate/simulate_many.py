@@ -85,7 +85,7 @@ def simulate_many(
     Parameters
     ----------
     arm : SoftArm, or a sequence of m SoftArm or Robot
-        Model for all runs, or for each; all with the same numbers of coordinates and chambers. An arm is
+        Model for all runs, or for each; all with the same numbers of coordinates and inputs. An arm is
         built from each Robot.
     q0 : (m, n_q) or (n_q,), optional
         Initial coordinates, a row a run; default straight. One arm needs a row a run, here or in `pressure`.
@@ -120,12 +120,13 @@ def simulate_many(
         robot = one if isinstance(one, Robot) else one.robot
         if (robot.n_q, robot.n_u) != (n_q, n_u):
             raise ModelError(
-                f"arm {k}: {robot.n_q} coordinates and {robot.n_u} chambers; allowed are those of the first"
+                f"arm {k}: {robot.n_q} coordinates and {robot.n_u} inputs; allowed are those of the first"
                 f" one, {n_q} and {n_u}",
                 "arm",
             )
     starts, rates = _rows(q0, m, n_q, "q0", name), _rows(qd0, m, n_q, "qd0", name)
-    inputs, states = _each(pressure, m, n_u, name), [None] * m
+    n_given = n_u if options.get("tension") is None else len(first.chamber_names)
+    inputs, states = _each(pressure, m, n_given, name), [None] * m
     if internal0 is not None:
         built = SoftArm(first) if isinstance(arms[0], Robot) else arms[0]
         states = list(_rows(internal0, m, built.n_internal, "internal0", name))

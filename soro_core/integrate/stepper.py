@@ -14,6 +14,7 @@ from soro_core._box import Box
 from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import NO_AIR, Air, air_behind, air_pressures, initial_air, with_air
+from soro_core.integrate.base_motion import WIDTH, Base, base_rows, with_base
 from soro_core.integrate.causes import describe_at
 from soro_core.integrate.explicit import explicit_run
 from soro_core.integrate.implicit import implicit_run
@@ -29,7 +30,7 @@ from soro_core.integrate.steppers.tr_bdf2 import TR_BDF2
 from soro_core.integrate.steppers.tr_bdf2_linear import TR_BDF2_LINEAR
 from soro_core.integrate.steppers.trapezoidal import TRAPEZOIDAL
 from soro_core.model import SoftArm
-from soro_core.model.checks import finite, flat_wrench, number, require, shaped
+from soro_core.model.checks import finite, flat_wrench, number, refuse_push, require, shaped
 from soro_core.model.dynamics import GOOD
 from soro_core.pneumatics.chamber import Gas, make_gas
 from soro_core.pneumatics.valve_condition import ValveCondition
@@ -106,10 +107,22 @@ def internal_states(arm: SoftArm, air: Air = NO_AIR) -> int:
     return arm.n_internal + (2 * arm.n_u if isinstance(air, Gas) else 0)
 
 
-def stepping(arm: SoftArm, air: Air = NO_AIR) -> Box:
-    """Return tables and workspace for a kernel of `run_of`, for one thread."""
+def stepping(arm: SoftArm, air: Air = NO_AIR, base: Base | None = None) -> Box:
+    """Return tables and workspace for a kernel of `run_of`, for one thread.
+
+    Raises
+    ------
+    ModelError
+        If the base moves and there are valves, or the method is not `exact`.
+    """
     tables = with_air(arm.tables, arm.n_u) if isinstance(air, Gas) else arm.tables
-    return make_stepping(tables, arm.n_q, internal_states(arm, air), arm.n_u)
+    if base is None:
+        return make_stepping(tables, arm.n_q, internal_states(arm, air), arm.n_u)
+    if arm.method != "exact":
+        raise ModelError(f"base with method {arm.method!r}: allowed is 'exact'", "base")
+    if isinstance(air, Gas):
+        raise ModelError("base with valves: allowed is a base at rest, or given pressures", "base")
+    return make_stepping(with_base(tables), arm.n_q, arm.n_internal, arm.n_u + WIDTH)
 
 
 class Stepper:
@@ -125,19 +138,26 @@ class Stepper:
         Whether the step may damp, divide and take out energy, see `run_of`.
     valves : ValveModel, optional
         Valves in front of the chambers; without them the pressures are given.
+    base : callable, optional
+        Motion of the base, as of `simulate`; default at rest.
     """
 
     def __init__(
-        self, name: str, arm: SoftArm, guarded: bool = True, valves: ValveModel | None = None
+        self,
+        name: str,
+        arm: SoftArm,
+        guarded: bool = True,
+        valves: ValveModel | None = None,
+        base: Base | None = None,
     ) -> None:
         require(arm, SoftArm, "arm", "a SoftArm")
         require(valves, ValveModel | None, "valves", "a ValveModel")
         self.name = name
         self.arm = arm
-        self._valves, self._guarded = valves, guarded
+        self._valves, self._guarded, self._base = valves, guarded, base
         self._air = air_behind(arm, valves)
         self._run = run_of(name, air=self._air, guarded=guarded)
-        self._box = stepping(arm, self._air)
+        self._box = stepping(arm, self._air, base)
         self._n_internal = internal_states(arm, self._air)
         self._room: StepRoom | None = None
 
@@ -186,6 +206,7 @@ class Stepper:
         dt: float,
         wrench: ArrayLike | None = None,
         condition: ValveCondition | None = None,
+        t: float = 0.0,
     ) -> tuple[State, Status]:
         """Return state and status after dt, with pressures and wrench held.
 
@@ -194,13 +215,15 @@ class Stepper:
         state : State
             State at the start.
         pressures : (n_u,)
-            Gauge pressures or, with valves, set points [Pa].
+            Gauge pressures or, with valves, set points [Pa], then tensions of the tendons [N].
         dt : float
             Time step [s], above 0.
         wrench : (6,) or (n_wrenches, 6), optional
             Wrenches, as in `SoftArm.forward_dynamics`.
         condition : ValveCondition, optional
             Faults of the valves; healthy by default.
+        t : float
+            Time at the start [s], for a base that moves.
 
         Returns
         -------
@@ -217,12 +240,17 @@ class Stepper:
         if not 0.0 < number(dt) < math.inf:
             raise ModelError(f"dt = {short(dt)} s: allowed is a number above 0", "dt")
         p = shaped(pressures, (arm.n_u,), "pressures", arm.robot.name)
+        if arm.robot.tendons:
+            refuse_push(arm.robot, p, "pressures")
         w = flat_wrench(arm.robot, wrench)
         q = self._before_and_after(state.q, arm.n_q, "q")
         v = self._before_and_after(state.qd, arm.n_q, "qd")
         z = self._before_and_after(state.internal, self._n_internal, "internal")
         table = np.empty((2, 3, arm.n_u))
         table[:] = p
+        if self._base is not None:
+            rows = base_rows(self._base, arm, t + float(dt) * np.array([[0.0, 0.5, 1.0]] * 2))
+            table = np.concatenate((table, rows), axis=2)
         _, code = self._run_with(condition)(self._box, (np.array([0.0, number(dt)]), table, w), (q, v, z))
         if code != GOOD:
             return state, describe_at(code, arm, q[0])
@@ -252,6 +280,8 @@ class Stepper:
         from soro_core.integrate.derivatives.step_derivatives import StepRoom, refuse_underivable
 
         refuse_underivable(self.name, _SCHEMES[self.name], self._valves)
+        if self._base is not None:
+            raise ModelError("derivatives of a step on a base that moves: allowed is one at rest", "base")
         if self._room is None:
             self._room = StepRoom(self.arm)
         end, status = self.step(state, pressures, dt, wrench)
@@ -275,7 +305,13 @@ class Stepper:
         return run_of(self.name, air=air, guarded=self._guarded)
 
 
-def make_stepper(name: str, arm: SoftArm, guarded: bool = True, valves: ValveModel | None = None) -> Stepper:
+def make_stepper(
+    name: str,
+    arm: SoftArm,
+    guarded: bool = True,
+    valves: ValveModel | None = None,
+    base: Base | None = None,
+) -> Stepper:
     """Return the stepper of a name; parameters as in `Stepper`.
 
     Raises
@@ -283,4 +319,4 @@ def make_stepper(name: str, arm: SoftArm, guarded: bool = True, valves: ValveMod
     ModelError
         If there is none, it takes no valves, or with valves a chamber has no volume.
     """
-    return Stepper(name, arm, guarded, valves)
+    return Stepper(name, arm, guarded, valves, base)

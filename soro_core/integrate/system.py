@@ -7,6 +7,7 @@ from typing import NamedTuple
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.integrate.air import Air, add_air_stiffness
+from soro_core.integrate.base_motion import move_base
 from soro_core.integrate.step_work import Stepping
 from soro_core.model.dynamics import applied_force
 from soro_core.model.forces.chambers import add_pressure_stiffness
@@ -40,6 +41,7 @@ def force_residual(run: Stepping, w: Work, at: ArmState, wrench: Array, bodies: 
     along the links gives the forces and the inertia.
     """
     t, r = run.tables, run.work.residual
+    move_base(t.base, t, run.work.stage_pressure)
     inverse_dynamics(t, w, wrench, Motion(at.q, at.v, at.v, run.work.acceleration), bodies, r)
     force = w.applied
     applied_force(t, at.q, at.v, at.z, run.work.stage_pressure, force)

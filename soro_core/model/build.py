@@ -8,7 +8,8 @@ import numpy as np
 
 from soro_core.arrays import Array, Integers
 from soro_core.model.build_external import external_table, find, places_of, with_masses
-from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, MdeTables, Site, Tables
+from soro_core.model.forces.routing import no_tendons, tendon_points
+from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, FixedBase, MdeTables, Site, Tables
 from soro_core.robot import Link, Robot, link_damping, link_stiffness, shear_factors
 from soro_core.robot.basis import shape_means, shape_values, strain_rows
 from soro_core.robot.link import LEAST_ELONGATION
@@ -88,15 +89,19 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         actuation=actuation,
         area_rate=area_rate,
         area_saturation=saturation,
-        dead_band=np.array([c.dead_band_pa for link in links for c in link.chambers], dtype=np.float64),
-        swell=np.array([c.swell_per_pa for link in links for c in link.chambers], dtype=np.float64),
+        dead_band=_by_input(robot, [c.dead_band_pa for link in links for c in link.chambers]),
+        swell=_by_input(robot, [c.swell_per_pa for link in links for c in link.chambers]),
         axial_gain=axial_gain,
         internal_kind=np.array(kinds, dtype=np.int64),
         internal_coordinate=np.array(coordinates, dtype=np.int64),
         internal_stiffness=np.array(stiffnesses, dtype=np.float64),
         internal_scale=np.array(scales, dtype=np.float64),
         external=external_table(robot, [], robot.n_q),
+        tendons=no_tendons(),
+        base=FixedBase(np.zeros(6), np.zeros(6)),
     )
+    if robot.tendons:
+        tables = tables._replace(tendons=tendon_points(robot, tables, radau))
     sites = []
     for link, place, what in places_of(robot):
         site = build_site(robot, tables, link, place)
@@ -202,6 +207,11 @@ def _chambers(
                 saturation[i, u], axial_gain[i, u] = chamber.area_saturation, axial
     most = samples.max(initial=1)
     return samples, actuation[:most], area_rate[:most], saturation, axial_gain
+
+
+def _by_input(robot: Robot, of_chambers: list[float]) -> Array:
+    """Values of the chambers, and zeros of the tendons behind them, (n_u,)."""
+    return np.array(of_chambers + [0.0] * len(robot.tendons), dtype=np.float64)
 
 
 def _columns(link: Link, first: int) -> list[list[int]]:

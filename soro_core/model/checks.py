@@ -151,6 +151,21 @@ def flat_wrench(robot: Robot, wrench: ArrayLike | None) -> Array:
     return flat
 
 
+def refuse_push(robot: Robot, inputs: Array, name: str) -> None:
+    """Refuse inputs (..., n_u) in which a tendon would push.
+
+    Raises
+    ------
+    ModelError
+        One line that names the tendon.
+    """
+    if robot.tendons:
+        least = inputs[..., -len(robot.tendons) :].reshape(-1, len(robot.tendons)).min(axis=0)
+        if least.min() < 0.0:
+            tendon = robot.tendon_names[int(least.argmin())]
+            raise ModelError(f"{name}: got {least.min():g} N of {tendon}; allowed is 0 or more", name)
+
+
 def refuse_unsupported(robot: Robot, method: object, nodes: object, steps: object) -> None:
     """Refuse what is not a robot or a method, and what a method does not have.
 

@@ -13,7 +13,15 @@ from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import dynamics, entries
 from soro_core.model.arm_base import ArmBase
-from soro_core.model.checks import dimensions, fault, finite, flat_wrench, refuse_underivable, shaped
+from soro_core.model.checks import (
+    dimensions,
+    fault,
+    finite,
+    flat_wrench,
+    refuse_push,
+    refuse_underivable,
+    shaped,
+)
 
 
 class Derivatives(NamedTuple):
@@ -24,7 +32,7 @@ class Derivatives(NamedTuple):
     by_qd: Array
     """(n_q, n_q)."""
     by_p: Array
-    """(n_q, n_u), per Pa."""
+    """(n_q, n_u), per Pa; of tendons per N."""
 
 
 class ForwardDynamics(ArmBase):
@@ -39,12 +47,16 @@ class ForwardDynamics(ArmBase):
     def acting_pressure(self, p: ArrayLike) -> Array:
         """Effective pressures of gauge pressures p (n_u,) [Pa]: beyond dead bands, on areas that they swell.
 
+        Tensions of tendons, behind the pressures [N], act as they are.
+
         Raises
         ------
         ModelError
-            If a pressure is not below that at which the area of its chamber has no bound.
+            If a pressure is not below that at which the area of its chamber has no bound, or a tension is
+            below 0.
         """
         p, acting = self._vector(p, self.n_u, "p"), np.empty(self.n_u)
+        refuse_push(self.robot, p, "p")
         u = entries.acting(self._box, p, acting)
         if u >= 0:
             chamber = self.robot.chamber_names[u]
@@ -65,7 +77,7 @@ class ForwardDynamics(ArmBase):
         ----------
         q, qd : (n_q,) or (m, n_q)
         p : (n_u,) or, of m states, (m, n_u) or (n_u,)
-            Gauge pressures [Pa].
+            Gauge pressures of the chambers [Pa], then tensions of the tendons [N].
         wrench : (6,) or (n_wrenches, 6), optional
             Torque [N m], force [N] in the body frame: at the tip, or at each of the robot's `wrench_places`.
         internal : (n_internal,) or, of m states, (m, n_internal), optional
@@ -80,6 +92,8 @@ class ForwardDynamics(ArmBase):
             return self._of_many(q, qd, p, wrench, internal)
         qd = self._shaped(qd, self.n_q, "qd")
         p = self._shaped(p, self.n_u, "p")
+        if self.robot.tendons:
+            refuse_push(self.robot, p, "p")
         w = self._no_wrench if wrench is None else flat_wrench(self.robot, wrench)
         z = self._no_internal if internal is None else self._shaped(internal, self.n_internal, "internal")
         qdd = np.empty(self.n_q)
@@ -98,6 +112,7 @@ class ForwardDynamics(ArmBase):
         z = self._no_internal if internal is None else internal
         q, qd = shaped(q, (m, self.n_q), "q", name), shaped(qd, (m, self.n_q), "qd", name)
         p, z = self._for_each(p, m, self.n_u, "p"), self._for_each(z, m, self.n_internal, "internal")
+        refuse_push(self.robot, p, "p")
         w = self._no_wrench if wrench is None else flat_wrench(self.robot, wrench)
         qdd = np.empty((m, self.n_q))
         states = q.ravel(), qd.ravel(), z.ravel()

@@ -148,18 +148,24 @@ class SoftArm(ForwardDynamics):
         return self._assemble(self.tables.damping)
 
     def actuation_matrix(self, q: ArrayLike | None = None) -> Array:
-        """H (n_q, n_u), generalised force per acting Pa, default at q = 0; constant without area_slope."""
+        """H (n_q, n_u), generalised force per acting Pa, of tendons per N; default at q = 0.
+
+        Constant without area_slope, and where a straight tendon meets neither torsion nor shear.
+        """
         q, _ = self._state(self._no_velocity if q is None else q)
         gradients = np.empty((self.n_u, self.n_q))
         entries.actuation(self._box, q, gradients)
         return np.ascontiguousarray(gradients.T)
 
     def pressure_force(self, q: ArrayLike, p: ArrayLike) -> Array:
-        """Generalised force (n_q,) of gauge pressures p (n_u,) [Pa]: H times the effective pressures."""
+        """Generalised force (n_q,) of p (n_u,), as in `forward_dynamics`: H times the effective pressures."""
         return np.asarray(self.actuation_matrix(q) @ self.acting_pressure(p))
 
     def displaced_volume(self, q: ArrayLike) -> Array:
-        """Volume of each chamber beyond that at q = 0 [m^3], (n_u,); its gradient is `actuation_matrix`."""
+        """Volumes of chambers beyond those at q = 0 [m^3], then how much shorter each tendon is [m], (n_u,).
+
+        Its gradient is `actuation_matrix`, so that p times its change is the work of constant inputs p [J].
+        """
         q, _ = self._state(q)
         volume = np.empty(self.n_u)
         entries.displaced_volumes(self._box, q, volume)

@@ -37,6 +37,36 @@ class NoExternal(External):
     """The same without a place: its own type, so that kernels of an arm on which nothing acts skip it."""
 
 
+class Tendons(NamedTuple):
+    """Points of all tendons at which their lengths are summed up, docs/model_terms.md."""
+
+    input: Integers
+    """Row of its tendon among the inputs, (n_points,)."""
+    link: Integers
+    """(n_points,)."""
+    weight: Array
+    """Undeformed length of the backbone that it stands for [m], (n_points,)."""
+    rest: Array
+    """Tangent of the tendon at q = 0, by arc length of the backbone, seen from the section: (n_points, 3)."""
+    columns: Array
+    """What one unit of each coordinate of the link adds to it, (n_points, width, 3)."""
+
+
+class NoTendons(Tendons):
+    """The same without a tendon: its own type, so that kernels of an arm without tendons skip them."""
+
+
+class BaseMotion(NamedTuple):
+    """How the base frame moves, seen from itself: its twist, and the rate of these six numbers, (6,) each."""
+
+    twist: Array
+    rate: Array
+
+
+class FixedBase(BaseMotion):
+    """A base at rest: its own type, so that kernels of an arm on a fixed base skip it."""
+
+
 class Tables(NamedTuple):
     """Everything that the kernels know about a robot; n links, n_q coordinates, n_z internal states."""
 
@@ -113,6 +143,8 @@ class Tables(NamedTuple):
     internal_scale: Array
     """Relaxation time [s] of creep, range of hysteresis."""
     external: External
+    tendons: Tendons
+    base: BaseMotion
 
 
 class MdeTables(Tables):

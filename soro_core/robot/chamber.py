@@ -1,8 +1,9 @@
-"""What a chamber is: where it lies, and how its pressure acts; frozen and checked. SI units throughout."""
+"""What drives an arm: chambers and tendons, where they lie and how they act; frozen, checked, SI units."""
 
 from __future__ import annotations
 
 import math
+from typing import Annotated
 
 from pydantic import Field, ValidationInfo, field_validator
 
@@ -101,3 +102,26 @@ class Chamber(Strict):
         assert self.alpha_eps is not None
         assert self.alpha_kappa is not None
         return self.alpha_eps * length / whole, self.alpha_kappa * length / whole
+
+
+class Tendon(Strict):
+    """One tendon without friction, pulled at the base of its first link and fixed at the end of its last."""
+
+    angle_rad: float = Field(
+        ge=-4 * math.pi, le=4 * math.pi, description="about the tangent, from the local x axis, at its base"
+    )
+    offset_m: float = Field(ge=0, description="distance from the backbone [m]")
+    turns: float = Field(
+        0.0, ge=-100, le=100, description="about the backbone on its way, from x to y; 0: straight"
+    )
+    links: Annotated[tuple[int, ...], Field(strict=False)] = Field(
+        (), description="first and last link that it runs along, counted from 0; default: all"
+    )
+    max_tension_n: float = Field(100.0, gt=0, description="largest tension [N]; the smallest is 0")
+
+    @field_validator("links")
+    @classmethod
+    def _order(cls, value: tuple[int, ...]) -> tuple[int, ...]:
+        if value and not (len(value) == 2 and 0 <= value[0] <= value[1]):
+            raise ValueError("[first, last] with 0 <= first <= last")
+        return value

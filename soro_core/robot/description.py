@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from numbers import Integral, Real
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import Field, ValidationInfo, field_validator
 
+from soro_core.arrays import Array
 from soro_core.config import Floats, Strict, parse
 from soro_core.errors import ConfigError
+from soro_core.robot.chamber import Tendon
 from soro_core.robot.link import Link
 from soro_core.robot.parts import check_split, fields, plain, put, scaled_link, split_link
 from soro_core.robot.surroundings import Contacts, PointMass, TipConstraint
@@ -19,7 +23,7 @@ _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 
 
 class SensorBody(Strict):
-    """A body, seen by the tracker, on a cross-section of the arm."""
+    """A body on a cross-section of the arm: one that the tracker sees, or a place that has a name."""
 
     at: float = Field(ge=0, le=1, description="the cross-section, in parts of the length of the arm")
     offset_m: Vector3 = Field((0.0, 0.0, 0.0), description="its origin in the frame of the cross-section [m]")
@@ -46,6 +50,9 @@ class Calibration(Strict):
     bodies: Annotated[tuple[SensorBody, ...], Field(strict=False)] = ()
 
 
+_PLACE = re.compile(r"[A-Za-z]\w*", re.ASCII)
+# Frames that every arm may have.
+_TAKEN = re.compile(r"world|base|tip|(pose|imu)\d+")
 # Round-off of a caller who adds up lengths [m].
 END_TOLERANCE = 1e-9
 
@@ -75,11 +82,16 @@ class Robot(Strict):
         (0.0, 90e3), description="lowest and highest gauge pressure of the chambers", validate_default=True
     )
     calibration: Calibration = Calibration()
+    places: dict[str, SensorBody] = Field(
+        default_factory=dict,
+        description="places of a camera or a tool by name: frames on /tf and in robot_description",
+    )
     refinement: int = Field(
         1,
         ge=1,
         description="every so many links are one link of the original; its chambers run along all of them",
     )
+    tendons: Annotated[tuple[Tendon, ...], Field(strict=False)] = ()
 
     @field_validator("pressure_range_pa")
     @classmethod
@@ -102,6 +114,16 @@ class Robot(Strict):
                 raise ValueError(f"places from 0 to the length of the arm, {length:.6g} m (here {place!r})")
         return value
 
+    @field_validator("places")
+    @classmethod
+    def _named(cls, value: dict[str, SensorBody]) -> dict[str, SensorBody]:
+        for name in value:
+            if not _PLACE.fullmatch(name) or _TAKEN.fullmatch(name):
+                raise ValueError(
+                    f"names of letters, digits and _, none of world, base, tip, pose0, imu0 (here {name!r})"
+                )
+        return value
+
     @field_validator("refinement")
     @classmethod
     def _groups(cls, value: int, info: ValidationInfo) -> int:
@@ -112,6 +134,15 @@ class Robot(Strict):
             raise ValueError("1 where a link inside a group has chambers of its own")
         return value
 
+    @field_validator("tendons")
+    @classmethod
+    def _routed(cls, value: tuple[Tendon, ...], info: ValidationInfo) -> tuple[Tendon, ...]:
+        n = len(info.data.get("links", ())) // info.data.get("refinement", 1)
+        for tendon in value:
+            if n and tendon.links and tendon.links[1] >= n:
+                raise ValueError(f"links from 0 to {n - 1} (here {list(tendon.links)})")
+        return value
+
     @property
     def n_q(self) -> int:
         """Number of coordinates."""
@@ -119,8 +150,8 @@ class Robot(Strict):
 
     @property
     def n_u(self) -> int:
-        """Number of chambers."""
-        return sum(len(link.chambers) for link in self.links)
+        """Number of inputs: chambers, and behind them tendons."""
+        return sum(len(link.chambers) for link in self.links) + len(self.tendons)
 
     @property
     def varies(self) -> bool:
@@ -145,6 +176,18 @@ class Robot(Strict):
             for i, link in enumerate(self.links)
             for j in range(len(link.chambers))
         )
+
+    @property
+    def tendon_names(self) -> tuple[str, ...]:
+        """``tendon0``, ``tendon1``, ..."""
+        return tuple(f"tendon{k}" for k in range(len(self.tendons)))
+
+    @property
+    def input_range(self) -> tuple[Array, Array]:
+        """Lowest and highest value of each input (n_u,): pressures [Pa gauge], then tensions [N]."""
+        ends = [self.pressure_range_pa] * len(self.chamber_names)
+        low, high = np.array([*ends, *((0.0, one.max_tension_n) for one in self.tendons)]).reshape(-1, 2).T
+        return low, high
 
     def replace(self, **changes: Any) -> Robot:
         """Return a changed copy, checked again: ``robot.replace(tip_mass=0.02)``.
@@ -173,9 +216,8 @@ class Robot(Strict):
 
     def __repr__(self) -> str:
         links = "1 link" if len(self.links) == 1 else f"{len(self.links)} links"
-        return (
-            f"Robot({self.name}: {links}, {self.length:.4g} m, {self.n_q} coordinates, {self.n_u} chambers)"
-        )
+        driven = f"{len(self.chamber_names)} chambers" + f", {len(self.tendons)} tendons" * bool(self.tendons)
+        return f"Robot({self.name}: {links}, {self.length:.4g} m, {self.n_q} coordinates, {driven})"
 
     __str__ = __repr__
 
@@ -225,3 +267,24 @@ class Robot(Strict):
             if not isinstance(factor, Real) or isinstance(factor, bool):
                 raise ConfigError(self.name, f"scaled: {key}", factor, "a number")
         return self.replace(links=[scaled_link(link, stiffness, damping, gain) for link in self.links])
+
+
+def refuse_tendons(robot: Robot, where: str) -> None:
+    """Refuse a robot with tendons where pressures alone drive it.
+
+    Parameters
+    ----------
+    robot : Robot
+    where : str
+        What drives it, for the message.
+
+    Raises
+    ------
+    ConfigError
+        One line.
+    """
+    if robot.tendons:
+        found = f"{robot.name}, which has tendons"
+        raise ConfigError(
+            where, "robot", found, "a robot without: platforms, laws and the twin drive pressures"
+        )

@@ -1,14 +1,19 @@
-"""Keys of a robot file for what acts on an arm from outside and what it carries. SI units."""
+"""What acts on an arm from outside, what it carries, and how its base moves. SI units."""
 
 from __future__ import annotations
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydantic import Field, field_validator
 
 from soro_core.config import Strict
 from soro_core.robot.vectors import Vector3
+from soro_core.rotation import rotation_exp
+
+_NONE = (0.0, 0.0, 0.0)
 
 
 class PointMass(Strict):
@@ -78,3 +83,47 @@ class TipConstraint(Strict):
         if len(set(value)) != len(value):
             raise ValueError("each of x, y, z at most once")
         return value
+
+
+class BaseState(NamedTuple):
+    """Where the base is and how it moves, all in the world; by default as the robot file has it, at rest.
+
+    Attributes
+    ----------
+    displacement : (3,)
+        From the base position of the robot file [m].
+    velocity, acceleration : (3,)
+        Its rates [m/s, m/s^2].
+    rotation : (3, 3)
+        Turns the base from its orientation in the robot file, about its origin.
+    angular_velocity, angular_acceleration : (3,)
+        [rad/s, rad/s^2].
+    """
+
+    displacement: ArrayLike = _NONE
+    velocity: ArrayLike = _NONE
+    acceleration: ArrayLike = _NONE
+    rotation: ArrayLike = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    angular_velocity: ArrayLike = _NONE
+    angular_acceleration: ArrayLike = _NONE
+
+
+class Shake(Strict):
+    """A base that swings about its pose in the robot file: sin(2 pi frequency t) times the amplitudes."""
+
+    frequency_hz: float = Field(1.0, gt=0, le=1000, description="[Hz]")
+    amplitude_m: Vector3 = Field(_NONE, description="of its place, in the world [m]; 0: at rest")
+    amplitude_rad: Vector3 = Field(_NONE, description="of its rotation vector, in the world [rad]")
+
+    @property
+    def moves(self) -> bool:
+        """Whether an amplitude is above 0."""
+        return any(self.amplitude_m) or any(self.amplitude_rad)
+
+    def __call__(self, t: float) -> BaseState:
+        """Return the state of the base at a time [s]."""
+        rate = 2.0 * math.pi * self.frequency_hz
+        there, turned = np.array(self.amplitude_m), np.array(self.amplitude_rad)
+        x, v = math.sin(rate * t), rate * math.cos(rate * t)
+        a = -(rate**2) * x
+        return BaseState(x * there, v * there, a * there, rotation_exp(x * turned), v * turned, a * turned)

@@ -11,6 +11,9 @@ from soro_core.arrays import Array, Flags
 from soro_core.safety.limits import Limits
 from soro_core.safety.monitor_state import chamber
 
+# Time for which chambers stay empty until the arm rests, and its recording ends [s]: the three-bellow arm
+# under 20 g then moves by less than 2 mm/s, after half of it by up to 17 mm/s.
+REST_S = 2.0
 # A chamber that was named is empty only below this part of the limit, so that noise does not name it again.
 EMPTY_AGAIN = 0.8
 
@@ -79,3 +82,21 @@ def watch_vent(
         )
         named, text = named | full, f"{kept} {took_s:.1f} s after the vent: open the dump valve"
     return VentCheck(full, named, start_ns, text)
+
+
+def empty_since(limits: Limits, since_ns: int | None, reading_pa: Array, now_ns: int) -> int | None:
+    """Return the time since which every chamber is empty [ns]; None while one has pressure, or no reading.
+
+    Parameters
+    ----------
+    limits : Limits
+    since_ns : int or None
+        What it was before this reading.
+    reading_pa : ndarray (n,)
+        Measured pressures [Pa gauge].
+    now_ns : int
+        Their time [ns].
+    """
+    if not np.all(np.abs(reading_pa) < limits.vented_pa):  # false for NaN
+        return None
+    return now_ns if since_ns is None else since_ns

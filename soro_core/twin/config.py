@@ -12,7 +12,7 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from soro_core.config import Floats, Strict
 from soro_core.errors import ConfigError
 from soro_core.pneumatics import RegulatorModel, ValveModel
-from soro_core.robot import Robot, load_robot
+from soro_core.robot import Robot, Shake, load_robot
 from soro_core.robot.discretisation import Integrator
 from soro_core.run_keys import ArmNodeKeys, LimitKeys, Priority, SeedKeys, check_places
 
@@ -132,7 +132,18 @@ class TwinSection(Strict):
         "and mass and volume of the air in each chamber, in place of lag and rate limit",
     )
     valve: ValveModel = Field(ValveModel(), description="valves, for air: states")
+    base_shake: Shake = Field(
+        Shake(), description="swing of the base, which estimator and controller do not know"
+    )
     follow_shared_name: bool = Field(False, description="as of the regulator node")
+
+    @field_validator("base_shake")
+    @classmethod
+    def _carried(cls, value: Shake, info: ValidationInfo) -> Shake:
+        imu = info.data.get("imu")
+        if value.moves and (info.data.get("air") == "states" or (imu is not None and imu.enabled)):
+            raise ValueError("amplitudes of 0 beside air: states or an enabled imu")
+        return value
 
     @field_validator("valve")
     @classmethod
@@ -160,6 +171,12 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
     )
     paused: bool = Field(False, description="wait for ~/start before the first tick")
     duration_s: float = Field(0.0, ge=0, le=86400, description="lockstep: end of time; 0 for none")
+    empty_s: float = Field(
+        0.0,
+        ge=0,
+        le=60,
+        description="lockstep: longest time behind duration_s until the arm rests with empty chambers",
+    )
     plant_link: str = Field("", description="socket of the emulated valves, for pressures: valves")
     fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
     priority: Priority = 10

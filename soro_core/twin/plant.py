@@ -9,10 +9,11 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.integrate import OK, State, Status, make_stepper
+from soro_core.integrate.base_motion import base_rows, moved
 from soro_core.model.discretised import discretised
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.pneumatics import ValveCondition
-from soro_core.robot import Robot
+from soro_core.robot import Robot, refuse_tendons
 from soro_core.twin.config import TwinConfig, check_volumes, described_plant
 
 
@@ -38,18 +39,20 @@ class ArmPlant:
     Raises
     ------
     ConfigError
-        If air is a part of the state and a chamber has no volume, or the plant has other chambers.
+        If air is a part of the state and a chamber has no volume, the plant has other chambers, or tendons.
     """
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
         real = true_robot(robot, config)
+        refuse_tendons(real, "twin")
         self.arm = discretised(real, config.model)
         self.has_air = config.air == "states"
         """Whether pressures are set points of valves, and the air behind them is a part of the state."""
         if self.has_air:
             check_volumes(real, where="parameters of twin", key="air")
         valves = config.valve if self.has_air else None
-        self._stepper = make_stepper(config.integrator, self.arm, valves=valves)
+        self._base = config.base_shake if config.base_shake.moves else None
+        self._stepper = make_stepper(config.integrator, self.arm, valves=valves, base=self._base)
         self._step_s = config.step_s
 
     def rest(self, pressure_pa: Array) -> State:
@@ -62,6 +65,14 @@ class ArmPlant:
         """
         q = equilibrium(self.arm, pressure_pa)
         return self._stepper.initial_state(q, pressure0=pressure_pa if self.has_air else None)
+
+    def pose(self, state: State, s: float, t: float) -> Array:
+        """Pose (4, 4) in the world at `s` [m] along the arm at a time [s], on which the base may depend."""
+        pose = self.arm.pose(state.q, s)
+        if self._base is None:
+            return pose
+        seen: Array = moved(self.arm, base_rows(self._base, self.arm, np.array([t])), pose[None])[0]
+        return seen
 
     def pressures(self, state: State) -> Array:
         """Gauge pressures (n_u,) [Pa] of the air in the chambers, where it is a part of the state."""
@@ -82,6 +93,7 @@ class ArmPlant:
         end_pa: Array,
         dt: float,
         condition: ValveCondition | None = None,
+        t: float = 0.0,
     ) -> tuple[State, Status]:
         """Advance by `dt` while the pressures change linearly.
 
@@ -95,6 +107,8 @@ class ArmPlant:
             Time [s]; it is divided into equal steps of at most `step_s`.
         condition : ValveCondition, optional
             Condition of the valves, where air is a part of the state; default healthy.
+        t : float
+            Time at the start [s], on which the motion of the base depends.
 
         Returns
         -------
@@ -107,7 +121,8 @@ class ArmPlant:
         status = OK
         for k in range(steps):
             middle = start_pa + (end_pa - start_pa) * ((k + 0.5) / steps)
-            state, status = self._stepper.step(state, middle, dt / steps, condition=condition)
+            at = t + k * dt / steps
+            state, status = self._stepper.step(state, middle, dt / steps, condition=condition, t=at)
             if not status.ok:
                 break
         return state, status

@@ -122,15 +122,15 @@ class Twin:
 
     def observe(self, state: TwinState) -> tuple[TwinState, Observation]:
         """Sample every sensor at the tick of `state`; to be called once a tick."""
-        arm, config, t = self._plant(state).arm, self.config, state.tick * self.dt
+        plant, config, t = self._plant(state), self.config, state.tick * self.dt
 
         def pose(at: float, rng: np.random.Generator) -> PoseSample:
-            section = arm.pose(state.arm.q, at)
+            section = plant.pose(state.arm, at, t)
             shown = section if self._tracker is None else self._tracker.seen(section, at)
             return measure_pose(config.pose, shown, t, at, rng)
 
         def imu(at: float, rng: np.random.Generator) -> ImuSample:
-            gravity = np.array(arm.robot.gravity)
+            gravity = np.array(plant.arm.robot.gravity)
             return measure_imu(config.imu, self._motion(state, at), gravity, t, at, rng)
 
         poses, seen_poses = self._sampled(
@@ -140,7 +140,7 @@ class Twin:
             config.imu, self._imu_clock, state.imus, state.tick, imu, self._imu_rngs
         )
         reading = pneumatics.reading(config.regulator, state.air, self._air_rng)
-        seen = Observation(reading, seen_poses, seen_imus, np.asarray(arm.pose(state.arm.q, self._length)))
+        seen = Observation(reading, seen_poses, seen_imus, plant.pose(state.arm, self._length, t))
         return replaced(state, poses=poses, imus=imus), seen
 
     def _sampled(
@@ -205,7 +205,8 @@ class Twin:
 
     def _step(self, state: TwinState, air: pneumatics.RegulatorState) -> TwinState:
         start_pa, end_pa = state.air.pressure_pa, air.pressure_pa
-        arm, status = self._plant(state).advance(state.arm, start_pa, end_pa, self.dt)
+        t = state.tick * self.dt
+        arm, status = self._plant(state).advance(state.arm, start_pa, end_pa, self.dt, t=t)
         return replaced(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
     def _breathe(

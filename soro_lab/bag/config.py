@@ -7,12 +7,17 @@ from typing import Literal
 from pydantic import Field
 
 from soro_core.config import Strings
-from soro_core.run_keys import StartKeys
+from soro_core.run_keys import Mode, StartKeys
 
 
 class RecorderConfig(StartKeys):
     """Parameters of the recorder."""
 
+    mode: Mode = Field(
+        "real_time",
+        description="lockstep: the time of a message is that of /clock when it arrived, 0 before its first; "
+        "real_time: that of the node's clock",
+    )
     folder: str = Field(
         "", description="folder of the new bag; empty: bag-<date>-<time> in the current folder"
     )
@@ -48,7 +53,7 @@ class RecorderConfig(StartKeys):
 class PlayerConfig(StartKeys):
     """Parameters of the player."""
 
-    bag: str = Field("", description="folder of the bag, or an .mcap file")
+    bag: str = Field("", description="folder of a run or of a bag, or an .mcap file")
     rate: float = Field(
         1.0,
         ge=0.0,

@@ -20,6 +20,7 @@ from soro_lab.bag.mcap.records import Damage
 from soro_lab.bag.mcap.summary import open_part
 from soro_lab.bag.metadata import Metadata
 from soro_lab.bag.topics import SEVERAL, Qos, Topic, check_encoding, encoding, qos_from
+from soro_lab.run_folder import bag_of
 
 _ENDINGS, _SQLITE = (".mcap", ".mcap.zstd"), ".db3"
 # Most bytes of different qualities of service that are read of a file: YAML takes its time.
@@ -44,8 +45,8 @@ class BagReader:
     Parameters
     ----------
     path : str or Path
-        A bag's folder (with or without metadata.yaml, in one file or several), or a single file: MCAP or
-        sqlite3 (``.db3``).
+        Folder of a run, or of its bag (with or without metadata.yaml, in one file or several), or a single
+        file: MCAP or sqlite3 (``.db3``).
     index : bool
         Use the index of the files if it is complete; False reads all records.
 
@@ -71,7 +72,7 @@ class BagReader:
     """
 
     def __init__(self, path: str | Path, index: bool = True) -> None:
-        self.path = Path(path)
+        self.path = bag_of(Path(path))
         self._problems: list[str] = []
         self.metadata = load_metadata(self.path, self._problems)
         files = part_files(self.path, self.metadata)
@@ -233,7 +234,7 @@ def part_files(path: Path, metadata: Metadata | None) -> list[Path]:
         if found:
             break
     else:
-        raise BagError("not a bag: no .mcap or .db3 file in it", path, "missing")
+        raise BagError("not a bag: no .mcap or .db3 file in it, and no folder bag", path, "missing")
     return sorted(found, key=_natural)
 
 

@@ -16,6 +16,7 @@ from soro_lab.bag.mcap.records import Damage
 from soro_lab.bag.mcap.summary import open_part
 from soro_lab.bag.metadata import FilePart, Metadata
 from soro_lab.bag.reader import BagReader, load_metadata, part_files
+from soro_lab.run_folder import bag_of
 
 # What the index and the records of a file say alike.
 _COMPARED = ("schemas", "channels", "counts", "message_indexes", "metadata", "attachments")
@@ -42,14 +43,14 @@ def repair(path: str | Path) -> tuple[PartRepair, ...]:
     Parameters
     ----------
     path : str or Path
-        A bag's folder or a single MCAP file.
+        Folder of a run, or of its bag, or a single MCAP file.
 
     Raises
     ------
     BagError
         If the path is not a bag, nothing can be read, or the disk refuses.
     """
-    bag = Path(path)
+    bag = bag_of(Path(path))
     before = load_metadata(bag, [])
     done = tuple(_repair_part(file) for file in _files(bag, before))
     if bag.is_dir():

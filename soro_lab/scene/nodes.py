@@ -138,6 +138,9 @@ class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
     control: ControllerConfig = Field(
         ControllerConfig(reference=ReferenceConfig(kind="hold")), description="the law and its reference"
     )
+    duration_s: float = Field(
+        0.0, ge=0, le=86400, description="lockstep: time from which on zero is commanded; 0: never"
+    )
     reach: float = Field(
         0.0,
         ge=0,

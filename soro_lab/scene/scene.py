@@ -17,6 +17,7 @@ from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
 from soro_core.safety import Limits, usable_range
+from soro_core.safety.vent_check import REST_S
 from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinSection
 from soro_hardware import PlatformBase, load_platform
 from soro_hardware.emulation.faults.fault_types import Injection
@@ -250,6 +251,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             plant_link=plant_link if self.emulates else "",
             fault_link=fault_link if self.emulates else "",
             duration_s=self.duration_s,
+            empty_s=self.limits.vent_limit_s + REST_S,
             paused=self.mode == "lockstep",
         )
 
@@ -304,4 +306,5 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             pose_locations=self.twin.pose.locations,
             imu_locations=self.twin.imu.locations,
             reach=self.verdict.tip_error_part,
+            duration_s=self.duration_s,
         )

@@ -12,7 +12,7 @@ from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
-from soro_core.robot import Robot, strain_rows
+from soro_core.robot import Robot, refuse_tendons, strain_rows
 from soro_core.robot.coordinates import strain_fields
 from soro_lab.identification import ForcedRun, read_forced
 from soro_lab.scene import Scene
@@ -106,6 +106,7 @@ def bare_case(robot: Robot, seconds: float = 1.0) -> TradeCase:
     within 20 ms, after a third of the time the second one, and after two thirds both are released. Without
     chambers: release from a uniform bend of 1 rad in total.
     """
+    refuse_tendons(robot, "trade")
     if not robot.n_u:
         bending = [name for name in ("bending_x", "bending_y") if name in robot.links[0].strains]
         start: dict[str, float] = {bending[0]: FREE_BEND_RAD / robot.length} if bending else {}

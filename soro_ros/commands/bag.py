@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NoReturn
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from soro_core.errors import BagError, ConfigError, SoroError
-from soro_lab.run_folder import bag_of, run_folders
+from soro_core.errors import ConfigError
+from soro_lab.run_folder import run_folders
 
 if TYPE_CHECKING:
     from soro_lab.bag import BagReader, PartRepair, Qos
@@ -37,11 +37,8 @@ def info(bag: Bag, full: Annotated[bool, typer.Option(help="Show the type hashes
     from soro_lab.bag import BagReader
 
     console = Console(markup=False)  # names in a bag may look like markup
-    try:
-        with BagReader(bag_of(bag)) as reader:
-            _print_info(console, reader, full)
-    except BagError as error:
-        _fail(error)
+    with BagReader(bag) as reader:
+        _print_info(console, reader, full)
 
 
 @app.command("repair")
@@ -54,10 +51,7 @@ def repair_command(bag: Bag) -> None:
     from soro_lab.bag import repair
 
     console = Console(markup=False)
-    try:
-        parts = repair(bag_of(bag))
-    except BagError as error:
-        _fail(error)
+    parts = repair(bag)
     for part in parts:
         _print_repair(console, part)
     if any(part.original for part in parts) and not any(part.message_count for part in parts):
@@ -90,27 +84,15 @@ def convert(
     """
     from soro_ros.recordings import convert as tables
 
-    try:
-        if not source.exists():
-            raise BagError("no such file or folder", source, "missing")
-        if form not in tables.FORMATS:
-            raise ConfigError("soro bag convert", "--format", form, " or ".join(tables.FORMATS))
-        if (source / tables.TOPICS).exists():
-            count = tables.to_bag(source, target, lambda line: typer.echo(line, err=True))
-            typer.echo(f"{target}: {count} messages")
-            return
-        rows = tables.to_tables(
-            bag_of(source), target, form, topic or [], lambda line: typer.echo(line, err=True)
-        )
-    except (BagError, ConfigError) as error:
-        _fail(error)
+    if form not in tables.FORMATS:
+        raise ConfigError("soro bag convert", "--format", form, " or ".join(tables.FORMATS))
+    if (source / tables.TOPICS).exists():
+        count = tables.to_bag(source, target, lambda line: typer.echo(line, err=True))
+        typer.echo(f"{target}: {count} messages")
+        return
+    rows = tables.to_tables(source, target, form, topic or [], lambda line: typer.echo(line, err=True))
     for file, count in rows.items():
         typer.echo(f"{target / file}: {count} rows")
-
-
-def _fail(error: SoroError) -> NoReturn:
-    typer.echo(f"soro: {error}", err=True)
-    raise typer.Exit(1 if getattr(error, "code", "") == "disk" else 2) from None
 
 
 def _print_info(console: Console, reader: BagReader, full: bool) -> None:

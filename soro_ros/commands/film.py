@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
@@ -30,7 +31,7 @@ def film(
         float, unit_option("--start", "s", 0.0, example="0s", help="First time that is shown.")
     ] = 0.0,
     end: Annotated[
-        float | None, unit_option("--end", "s", 0.0, help="Last time; default: end of the run.")
+        float | None, unit_option("--end", "s", 0.0, help="Last time; default: where the arm rests.")
     ] = None,
     rate: Rate = 10.0,
     width: Width = 800,
@@ -46,7 +47,7 @@ def film(
         raise ConfigError("soro plot", "--film", str(file), "a name that ends with .gif or .png")
     bag, scene_file = bag_and_scene(run)
     scene = load_scene(str(scene_file))
-    shown = drawing.take(bag, scene, start, scene.duration_s if end is None else end, rate)
+    shown = drawing.take(bag, scene, start, math.inf if end is None else end, rate)
     write = drawing.still if file.suffix == ".png" else drawing.write
     write(shown, file, width)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.2f} MB")

@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 import typer
 
-from soro_core.errors import BagError, ConfigError
 from soro_core.files.units import unit_option
 from soro_lab.run_folder import run_folders
 
@@ -17,7 +16,7 @@ def play(
     bag: Annotated[
         Path,
         typer.Argument(
-            help="Folder of a bag (rosbag2), or a single .mcap or .db3 file.",
+            help="Folder of a bag (rosbag2) or of a run, or a single .mcap or .db3 file.",
             exists=True,
             show_default=False,
             autocompletion=run_folders,
@@ -91,13 +90,9 @@ def play(
         "keyboard": True,
         "end_on_failed_start": True,
     }
-    try:
-        config = parse(options, PlayerConfig, where="soro play")
-        with BagReader(bag) as reader:
-            reader.check_encodings()
-    except (ConfigError, BagError) as error:
-        typer.echo(f"soro: {error}", err=True)
-        raise typer.Exit(2) from None
+    config = parse(options, PlayerConfig, where="soro play")
+    with BagReader(bag) as reader:
+        reader.check_encodings()
     arguments = ["--ros-args"]
     for name, value in overrides(config).items():
         # JSON is YAML with unmistakable quotes.

@@ -147,12 +147,11 @@ def _chosen(
     scene: Path | None,
     notes: list[str],
 ) -> Figure:
-    from soro_lab.run_folder import bag_of
     from soro_ros.pictures.picture import picture_of_fields
     from soro_ros.pictures.run_view import open_run
     from soro_ros.recordings.selection import fields_of
 
-    chosen = fields_of(bag_of(run), topics, fields, notes.append)
+    chosen = fields_of(run, topics, fields, notes.append)
     try:
         events = open_run(run, arm, scene).view.recording.events
     except (BagError, ConfigError):

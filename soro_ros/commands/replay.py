@@ -9,7 +9,6 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from soro_core.errors import BagError, ConfigError
 from soro_lab.run_folder import bag_and_scene, run_folders
 from soro_lab.scene import load_scene
 from soro_lab.scene.options import given_keys
@@ -63,20 +62,14 @@ def replay(
     """
     from soro_ros.recordings.replay import replay as run  # imports the model, which takes a second
 
-    try:
-        if not bag.exists():
-            raise BagError("no such file or folder", bag, "missing")
-        found, scene_file = (bag, scene) if scene else bag_and_scene(bag)
-        result = run(
-            found,
-            load_scene(scene_file, given_keys(change or [])),
-            tuple(name.strip() for name in nodes.split(",")),
-            tolerance,
-            ignore or (),
-        )
-    except (BagError, ConfigError) as error:
-        typer.echo(f"soro: {error}", err=True)
-        raise typer.Exit(2) from None
+    found, scene_file = (bag, scene) if scene else bag_and_scene(bag)
+    result = run(
+        found,
+        load_scene(scene_file, given_keys(change or [])),
+        tuple(name.strip() for name in nodes.split(",")),
+        tolerance,
+        ignore or (),
+    )
     _print(result)
     raise typer.Exit(0 if result.same else 1)
 

@@ -58,11 +58,7 @@ def view(
     if bag is None:
         _live(robot, namespace, {"port": port, "rate_hz": rate, "trail_s": trail})
     else:
-        try:
-            _recorded(bag, robot, namespace, port, rate, trail)
-        except BagError as error:
-            typer.echo(f"soro: {error}", err=True)
-            raise typer.Exit(2) from None
+        _recorded(bag, robot, namespace, port, rate, trail)
 
 
 def _live(robot: str, namespace: str, options: dict[str, int | float]) -> None:
@@ -104,7 +100,7 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
     from soro_core.robot import load_robot
     from soro_hardware import signals
     from soro_lab.bag import BagReader
-    from soro_lab.run_folder import bag_and_scene, bag_of
+    from soro_lab.run_folder import bag_and_scene
     from soro_lab.scene import load_scene
     from soro_ros.view.access import Access
     from soro_ros.view.recorded import RecordedPage, read, shape_of
@@ -114,7 +110,7 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
     try:
         folder, scene_file = bag_and_scene(bag)
     except BagError:
-        with BagReader(bag_of(bag)):  # what is no bag says so itself
+        with BagReader(bag):  # what is no bag says so itself
             pass
         if not robot:
             raise ConfigError("soro view", "--robot", None, f"given, as {bag} has no scene") from None

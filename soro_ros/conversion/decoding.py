@@ -7,11 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
 
 from soro_core.errors import BagError
 from soro_lab.bag import BagMessage, BagReader, Topic
 from soro_lab.bag.decode import Decoder, Fields, element_of, holds, is_empty_message
 from soro_lab.bag.topics import check_encoding
+from soro_ros.conversion import learning
 from soro_ros.conversion.interfaces import definition, message_class, type_name
 
 Read = Callable[[bytes], Any]
@@ -88,6 +91,17 @@ class Messages:
                 raise error
 
 
+def class_of(topic: Topic) -> type[Any] | None:
+    """Return the class in which a recorded topic goes to nodes of today; None where it is not installed."""
+    return JointState if _was_array(topic) else message_class(topic.type)
+
+
+def _was_array(topic: Topic) -> bool:
+    """Whether it is a topic of learning from before its messages had a header (ADR 0060)."""
+    ends = tuple(f"/{name}" for name in learning.TOPICS)
+    return topic.type == type_name(Float64MultiArray) and topic.name.endswith(ends)
+
+
 def reading(topic: Topic, kind: type[Any] | None, bag: Path) -> Read:
     """Return the function that reads the messages of a topic from their bytes.
 
@@ -105,6 +119,9 @@ def reading(topic: Topic, kind: type[Any] | None, bag: Path) -> Read:
         If the messages are no CDR, the definition cannot be read, or is not that of the class.
     """
     check_encoding(topic, bag)
+    if kind is JointState and _was_array(topic):
+        before = reading(topic, Float64MultiArray, bag)
+        return lambda data: _with_header(before(data), bag, topic.name)
     wanted = kind or message_class(topic.type)
     if wanted is None:
         if not topic.definition:
@@ -138,6 +155,9 @@ def playing(topic: Topic, kind: type[Any], bag: Path) -> Callable[[bytes], bytes
         As in `reading`.
     """
     check_encoding(topic, bag)
+    if kind is JointState and _was_array(topic):
+        read = reading(topic, kind, bag)
+        return lambda data: bytes(serialize_message(read(data)))
     decoder, difference = _compared(topic, kind, bag)
     if decoder is None:
         return bytes
@@ -162,6 +182,13 @@ def _compared(topic: Topic, kind: type[Any], bag: Path) -> tuple[Decoder | None,
     if decoder.fields == installed:
         return None, ""
     return decoder, _difference(decoder.fields, installed)
+
+
+def _with_header(message: Float64MultiArray, bag: Path, topic: str) -> JointState:
+    try:
+        return learning.from_array(message)
+    except ValueError as error:
+        raise BagError(str(error), bag, "damaged", topic) from None
 
 
 def _otherwise(topic: Topic, difference: str, bag: Path) -> BagError:

@@ -23,8 +23,8 @@ _RULES = (
     ("", r"(.+\.)?linear\.[xyz]", "m_s"),
     ("", r"(.+\.)?angular\.[xyz]", "rad_s"),
 )
-_SYMBOLS = {
-    "pa": "Pa",
+_SHOWN = {
+    "pa": "kPa",
     "per_m": "1/m",
     "per_m_s": "1/(m s)",
     "per_s": "1/s",
@@ -46,9 +46,9 @@ def unit_of(topic: str, path: str) -> str:
     return ""
 
 
-def symbol_of(unit: str) -> str:
-    """Return a unit of `unit_of` as it is written in a picture: ``Pa`` of ``pa``, ``1/m`` of ``per_m``."""
-    return _SYMBOLS[unit]
+def shown_in(unit: str) -> tuple[str, float]:
+    """Return how a picture shows a unit of `unit_of`, and its factor: ``kPa`` and 1e-3 for ``pa``."""
+    return _SHOWN[unit], 1e-3 if unit == "pa" else 1.0
 
 
 def column_of(topic: str, path: str) -> str:

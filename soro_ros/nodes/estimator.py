@@ -47,7 +47,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             f"{name}{k}": sensor(at * length) for sensor, name, ats in places for k, at in enumerate(ats)
         }
         self._backbone = self.create_publisher(PoseArray, "arm/backbone", 10)
-        self._transforms = ArmTransforms(self, self.estimator.arm.robot, config.frames, config.publish_tf)
+        self._transforms = ArmTransforms(self, self.estimator.arm, config)
         rate_hz = config.backbone_rate_hz
         self._pictures = Turns(round(1e9 / rate_hz)) if rate_hz > 0 else None
         subscribe(self, self._ticks.inputs, lockstep)
@@ -83,7 +83,7 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             message.header.frame_id = self._config.frames.world
             message.header.stamp = messages.to_time(stamp_ns)
             self._backbone.publish(message)
-        self._transforms.publish(arm.pose(q, self.estimator.length), stamp_ns)
+        self._transforms.publish(q, stamp_ns)
 
     def _warn(self, line: str) -> None:
         self.get_logger().warning(line, throttle_duration_sec=1.0)

@@ -17,7 +17,7 @@ from soro_lab.scene.excitation import excitation_of
 from soro_ros.conversion import messages, qos
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
-from soro_ros.topics.diagnostics import OK, WARN
+from soro_ros.topics.diagnostics import OK, REQUESTED, WARN
 from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import subscribe
 from soro_ros.topics.sample_inputs import SampleInputs
@@ -172,7 +172,7 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
 
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """End the excitation."""
-        self._stop = "vent requested"
+        self._stop = REQUESTED
         if not self._lockstep:
             # Where readings have ended none asks for a command, and a reset needs a last one of zero.
             self._publish(np.zeros(len(self._names)), int(self.get_clock().now().nanoseconds))

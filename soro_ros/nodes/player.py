@@ -26,8 +26,8 @@ from soro_lab.bag import BagMessage, BagReader, Topic
 from soro_lab.bag.config import PlayerConfig
 from soro_lab.bag.topics import check_encoding
 from soro_ros.conversion import messages, qos
-from soro_ros.conversion.decoding import playing
-from soro_ros.conversion.interfaces import message_class, offer, topic_pattern
+from soro_ros.conversion.decoding import class_of, playing
+from soro_ros.conversion.interfaces import offer, topic_pattern
 from soro_ros.host.claims import Claims, readings, require_free
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
@@ -158,7 +158,7 @@ class Player(SoroNode[PlayerConfig]):
             profile = offer(topic.qos, DEPTH, keep_all=config.rate == 0)
             name = renamed.get(topic.name, topic.name)
             self._played[topic.name] = played
-            self._published[topic.name] = self.create_publisher(message_class(topic.type), name, profile)
+            self._published[topic.name] = self.create_publisher(class_of(topic), name, profile)
         if not self._published:
             known = ", ".join(f"{topic.name} ({topic.type})" for topic in self._reader.topics) or "nothing"
             raise BagError(f"{config.bag}: no topic to play; the bag holds {known}")
@@ -198,7 +198,7 @@ class Player(SoroNode[PlayerConfig]):
 
     def _player_of(self, topic: Topic) -> Callable[[bytes], bytes] | None:
         """Return what makes the bytes to publish of recorded ones; None if the topic cannot be played."""
-        kind = message_class(topic.type)
+        kind = class_of(topic)
         if not _is_name(topic.name):
             self.get_logger().warning(f"{topic.name!r}: not played: no name of a topic")
             return None

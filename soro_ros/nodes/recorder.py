@@ -9,11 +9,13 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
 from soro_core.errors import ConfigError, SoroError
 from soro_lab.bag import BackgroundWriter, BagWriter, Qos, Topic
 from soro_lab.bag.config import RecorderConfig
+from soro_ros.conversion import messages
 from soro_ros.conversion.interfaces import definition, message_class, offered, request, topic_pattern
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
@@ -32,7 +34,8 @@ LATCHED = Qos(reliability="reliable", durability="transient_local")
 class Recorder(SoroNode[RecorderConfig]):
     """Subscribes raw, with the offered quality of service, and records the ROS time of reception.
 
-    With simulated time it records from the first time on: what came before has no time.
+    With simulated time it records from the first time on: what came before has no time. In lockstep, whose
+    /clock begins at 0, that is the time 0, and each time is that of the last message on /clock.
     """
 
     config_model = RecorderConfig
@@ -42,7 +45,7 @@ class Recorder(SoroNode[RecorderConfig]):
     _bag: BackgroundWriter | None = None
 
     def setup(self, config: RecorderConfig) -> None:
-        self._config = config
+        self._config, self._lockstep = config, config.mode == "lockstep"
         self._notes = dict(_split_note(note) for note in config.notes)
         wanted = [_split_topic(entry) for entry in config.topics]
         self._wanted = {
@@ -52,7 +55,7 @@ class Recorder(SoroNode[RecorderConfig]):
         self._controls = RecorderControls(self, self._write_missed)
 
     def start(self) -> None:
-        self._last_ns = 0
+        self._last_ns = self._clock_ns = 0
         self._streams: dict[str, RecordedTopic] = {}
         self._refused: set[str] = set()
         folder = Path(self._config.folder or f"bag-{datetime.now():%Y%m%d-%H%M%S}").expanduser()
@@ -231,12 +234,18 @@ class Recorder(SoroNode[RecorderConfig]):
             return
         stream = self._streams[name]
         stream.loss.receive(number)
-        now_ns = self.get_clock().now().nanoseconds
-        if self._controls.paused and stream.latched and now_ns:
+        if self._lockstep and name == "/clock":
+            self._clock_ns = messages.to_ns(deserialize_message(data, stream.kind).clock)
+        now_ns = self._now_ns()
+        has_time = self._lockstep or now_ns > 0
+        if self._controls.paused and stream.latched and has_time:
             stream.missed = data
-        if self._controls.paused or not now_ns:  # no simulated time yet
+        if self._controls.paused or not has_time:
             return
         self._write(name, data, now_ns)
+
+    def _now_ns(self) -> int:
+        return self._clock_ns if self._lockstep else int(self.get_clock().now().nanoseconds)
 
     def _write(self, name: str, data: bytes, now_ns: int) -> None:
         bag = self._bag
@@ -256,7 +265,7 @@ class Recorder(SoroNode[RecorderConfig]):
         for name, stream in self._streams.items():
             missed, stream.missed = stream.missed, None
             if missed is not None:
-                self._write(name, missed, self.get_clock().now().nanoseconds)
+                self._write(name, missed, self._now_ns())
 
     def _take_the_rest(self) -> None:
         """Record messages that have arrived but are not yet processed; their senders count on them."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from collections import deque
 from functools import partial
 
 from rosgraph_msgs.msg import Clock
@@ -60,6 +61,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         self._period_ns = round(1e9 / config.rate_hz)
         self._limited, self._latch_file = None, None
         self._tick_ns: int | None = None
+        self._due: deque[int] = deque()  # ticks that wait for their commands [ns]
         self._last_tick_wall = time.monotonic()
         self._regulator = regulator = open_regulator(platform, config.device or None, lockstep=self._lockstep)
         self._stop = StopTopic(self, platform) if platform.stop_topic else None
@@ -154,18 +156,18 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
     def _on_clock(self, message: Clock) -> None:
         if not self._active:
             return
-        self._tick_ns = messages.to_ns(message.clock)
+        self._due.append(messages.to_ns(message.clock))
         self._last_tick_wall = time.monotonic()
-        self._pending = True
         self._try_tick()
 
     def _try_tick(self) -> None:
-        if not (self._lockstep and self._active) or self._tick_ns is None or not self._pending:
-            return
-        if self._tick_ns > 0 and self._chambers.seen_ns < self._tick_ns - self._period_ns:
-            return
-        self._pending = False
-        self._cycle()
+        # A vent between two cycles is a tick too: then two of them are due, and each has its readings.
+        while self._lockstep and self._active and self._due:
+            self._tick_ns = self._due[0]
+            if self._tick_ns > 0 and self._chambers.seen_ns < self._tick_ns - self._period_ns:
+                return
+            self._due.popleft()
+            self._cycle()
 
     def _check_stall(self) -> None:
         silent = time.monotonic() - self._last_tick_wall

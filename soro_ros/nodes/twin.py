@@ -15,6 +15,7 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
 from soro_core.safety import Limiter, check_rating, narrowed, rating_of
+from soro_core.safety.vent_check import REST_S, empty_since
 from soro_core.twin import Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
@@ -24,7 +25,7 @@ from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.run.faults import FaultInterface
 from soro_ros.topics.chambers import ChamberInterface
-from soro_ros.topics.diagnostics import OK
+from soro_ros.topics.diagnostics import OK, OVER
 from soro_ros.topics.twin_topics import TwinTopics
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
@@ -67,7 +68,8 @@ class TwinNode(SoroNode[TwinConfig]):
         self._observed = -1
         self._slewed_ns: int | None = None
         self._skipped = 0
-        self._running = False
+        self._running = self._is_over = False
+        self._empty_ns: int | None = None
         self._first: PlantFrame | None = None
         self._reading_pa: Array = np.full(len(self._names), np.nan)  # those of the last tick; before it none
         self._is_commanded = config.pressures == "regulators"
@@ -201,8 +203,16 @@ class TwinNode(SoroNode[TwinConfig]):
             self._observe()
 
     def _over(self) -> bool:
-        end = self._config.duration_s
-        return end > 0 and self._state.tick >= round(end * self._config.rate_hz)
+        """Whether time ends: behind `duration_s` as soon as the arm rests with empty chambers."""
+        config, now_ns = self._config, self._tick_ns()
+        if not config.duration_s or self._is_over:
+            return self._is_over
+        behind_s = 1e-9 * now_ns - config.duration_s
+        rests = self._empty_ns is not None and now_ns - self._empty_ns >= 1e9 * REST_S
+        if behind_s > -0.5e-9 * self._period_ns and (rests or behind_s >= config.empty_s):
+            self._is_over = True
+            self.diagnose()
+        return self._is_over
 
     def _advance_real_time(self) -> None:
         passed = int((time.perf_counter() - self._start_s) * self._config.rate_hz)
@@ -299,6 +309,7 @@ class TwinNode(SoroNode[TwinConfig]):
         self._observed = self._state.tick
         self._state, seen = self._twin.observe(self._state)
         self._reading_pa = seen.reading_pa
+        self._empty_ns = empty_since(self._config.limits, self._empty_ns, seen.reading_pa, self._tick_ns())
         stamp_ns = self._epoch_ns + self._tick_ns() + self._skipped * self._period_ns
         self._topics.publish_samples(seen, stamp_ns, self._sample_ns)
         if self._is_commanded:
@@ -317,7 +328,7 @@ class TwinNode(SoroNode[TwinConfig]):
         if self._config.pressures == "measured":
             values["bridged_ticks"] = self._bridged
         problem = self._chambers.problem if self._is_commanded else None
-        level, message = problem or (OK, "active" if self._running else "paused")
+        level, message = problem or (OK, OVER if self._is_over else "active" if self._running else "paused")
         self.diagnostics.update(level, message, values)
 
 

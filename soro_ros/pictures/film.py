@@ -18,7 +18,7 @@ from soro_core.twin.config import described_plant
 from soro_core.twin.plant import true_robot
 from soro_lab.scene import Scene
 from soro_ros.recordings.recording import RunRecording
-from soro_ros.recordings.report import pressure_bounds, read_run, tip_error
+from soro_ros.recordings.report import in_control, pressure_bounds, read_run, tip_error
 from soro_ros.view.arm_shape import COLOURS, Camera, chambers, places, surface, walls
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) 
     scene : Scene
         Scene of the run.
     begin_s, end_s : float
-        First and last time [s] under control.
+        First and last time [s] of the run; the film ends at the latest where the recording does.
     rate_hz : float
         Pictures a second.
 
@@ -89,8 +89,11 @@ def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) 
     t = np.arange(begin_s, end_s + 1e-9, 1.0 / rate_hz)
     s = places(robot)
     poses = np.array([[arm.pose(q, min(at, arm.length)) for at in s] for q in states.at(t)])
-    most = pressure_bounds(scene)[1]
-    return Take(scene, robot, recording, t, s, poses, recording.reading.at(t), recording.command.at(t), most)
+    pressure, command = recording.reading.at(t), recording.command.at(t)
+    if recording.wanted_tip.t.size:  # what the law says behind a trip reaches no valve
+        command[~in_control(recording, t, scene.duration_s)] = np.nan
+    most = max(pressure_bounds(scene)[1], float(np.nanmax(pressure, initial=0.0)))
+    return Take(scene, robot, recording, t, s, poses, pressure, command, most)
 
 
 class AnimatedFigure:
@@ -213,7 +216,8 @@ class AnimatedFigure:
         axis.set_xticks(where, [name.removeprefix("link0/") for name in names] if one else digits)
         axis.set_xlabel("" if one else "link/chamber", size=9, color=_TEXT)
         self._style(axis, "pressure [kPa]; line: set point")
-        axis.set_ylim(0, self._take.most_pa / 1e3)
+        least_pa = float(np.nanmin(self._take.pressure, initial=0.0))
+        axis.set_ylim(min(0.0, least_pa) / 1e3, self._take.most_pa / 1e3)
 
     def _draw_bars(self, k: int) -> None:
         for bar, value in zip(self._bars, self._take.pressure[k], strict=True):

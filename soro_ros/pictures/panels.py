@@ -12,18 +12,22 @@ from soro_core.arrays import Array
 from soro_lab.scene import Scene
 from soro_ros.recordings.events import Event
 from soro_ros.recordings.recording import RunRecording, TopicSeries
-from soro_ros.recordings.report import WINDOW_S, tip_error, within
+from soro_ros.recordings.report import USUAL, WINDOW_S, in_control, tip_error, within
 from soro_ros.view.arm_shape import COLOURS
 
 # Estimates of a law that belong to the matrix W of a learned force.
 _WEIGHTS = ("/offset", "/by ")
 # Lines in a panel that a legend names.
 MOST_NAMES = 12
-# Times that samples are usually apart.
-_GAP = 20.0
 # Labels this close, as a part of the width, would lie over one another.
 _CLOSE = 0.04
-_EVENT_COLOURS = {"trip": "#b3392f", "injected": "#7b5ea7", "warning": "#e08e2b", "over": "#4f8a4c"}
+_EVENT_COLOURS = {
+    "trip": "#b3392f",
+    "vent": "#3d6c94",
+    "injected": "#7b5ea7",
+    "warning": "#e08e2b",
+    "over": "#4f8a4c",
+}
 
 
 @dataclass(frozen=True)
@@ -54,6 +58,12 @@ class View:
         inside = (series.t >= self.begin_s) & (series.t <= self.end_s)
         return broken(TopicSeries(series.t[inside], series.value[inside], series.names))
 
+    def controlled(self, series: TopicSeries) -> TopicSeries:
+        """Return the samples under control: what the law says behind a trip reaches no valve."""
+        if not self.recording.wanted_tip.t.size:
+            return series
+        return series.at_times(in_control(self.recording, series.t, self.end_s))
+
     @property
     def error(self) -> tuple[Array, Array]:
         """Times (n,) [s] and distances (n,) [m] of the tip from its reference."""
@@ -70,7 +80,7 @@ def broken(series: TopicSeries) -> TopicSeries:
     if series.t.size < 3:
         return series
     apart = np.diff(series.t)
-    gaps = np.flatnonzero(apart > _GAP * np.median(apart)) + 1
+    gaps = np.flatnonzero(apart > USUAL * np.median(apart)) + 1
     between = 0.5 * (series.t[gaps - 1] + series.t[gaps])
     value = np.insert(series.value, gaps, np.nan, axis=0)
     return TopicSeries(np.insert(series.t, gaps, between), value, series.names)
@@ -88,11 +98,16 @@ class Panel(NamedTuple):
 
 def draw_path(axis: Any, view: View) -> None:
     """Draw the way of tip and reference, seen along the axis of the base."""
-    true, wanted = (within(s, view.end_s) for s in (view.recording.true_tip, view.recording.wanted_tip))
+    whole, wanted = within(view.recording.true_tip, view.end_s), view.controlled(view.recording.wanted_tip)
     if wanted.t.size:
-        axis.plot(*(wanted.value[:, :2] * 1e3).T, color="0.6", lw=3, label="reference")
-    axis.plot(*(true.value[:, :2] * 1e3).T, color="C0", lw=0.8, label=f"{view.kind} tip")
-    late = true.t >= view.end_s - WINDOW_S
+        axis.plot(*(broken(wanted).value[:, :2] * 1e3).T, color="0.6", lw=3, label="reference")
+    true = view.controlled(whole)
+    end_s = float(true.t[-1]) if true.t.size else view.end_s
+    rest = whole.at_times(whole.t > end_s)
+    if rest.t.size > 1:
+        axis.plot(*(rest.value[:, :2] * 1e3).T, color="0.6", lw=0.8, ls=":", label="after control")
+    axis.plot(*(broken(true).value[:, :2] * 1e3).T, color="C0", lw=0.8, label=f"{view.kind} tip")
+    late = true.t >= end_s - WINDOW_S if end_s >= WINDOW_S else np.zeros(true.t.size, dtype=bool)
     if late.any():
         label = f"{view.kind} tip, last {WINDOW_S:g} s"
         axis.plot(*(true.value[late, :2] * 1e3).T, color="C3", lw=1.4, label=label)
@@ -102,7 +117,7 @@ def draw_path(axis: Any, view: View) -> None:
 
 def draw_tip(axis: Any, view: View) -> None:
     """Draw the coordinates of tip and reference over time."""
-    true, wanted = view.shown(view.recording.true_tip), view.shown(view.recording.wanted_tip)
+    true, wanted = map(view.shown, (view.recording.true_tip, view.controlled(view.recording.wanted_tip)))
     for k, name in enumerate("xyz"):
         if wanted.t.size:
             axis.plot(wanted.t, wanted.value[:, k] * 1e3, color=f"C{k}", lw=2.5, alpha=0.35)
@@ -127,7 +142,7 @@ def _line(axis: Any, t: Array, value: Array, **style: Any) -> None:
 
 def draw_pressures(axis: Any, view: View) -> None:
     """Draw measured pressures, set points and limits."""
-    reading, command = view.shown(view.recording.reading), view.shown(view.recording.command)
+    reading, command = map(view.shown, (view.recording.reading, view.controlled(view.recording.command)))
     names = reading.names or command.names
     for series, measured in ((reading, True), (command, False)):
         for k, name in enumerate(series.names):
@@ -163,24 +178,29 @@ def draw_stretches(axis: Any, view: View) -> None:
     _draw_strains(axis, view, ("elongation", "shear"), "strain [%]", 100.0)
 
 
-def draw_estimates(axis: Any, recording: RunRecording) -> None:
-    """Draw the parameter estimates, each over its first value."""
-    series = recording.estimates
+def draw_estimates(axis: Any, view: View) -> None:
+    """Draw the parameter estimates, each as a part of a value that its legend names."""
+    series = view.controlled(view.recording.estimates)
+    if not series.t.size:
+        return
     weights = [k for k, name in enumerate(series.names) if _is_weight(name)]
-    for k in weights:  # W of a learned force: too many for a legend
-        label = "W of the learned force" if k == weights[0] else None
-        axis.plot(series.t, series.value[:, k], color="0.6", lw=0.5, label=label)
+    if weights:  # the matrix W of a learned force: too many for a legend
+        most = float(np.max(np.abs(series.value[:, weights]))) or 1.0
+        force = axis.plot(series.t, series.value[:, weights] / most, color="0.6", lw=0.5)
+        force[0].set_label(f"learned force, its {len(weights)} numbers; 1: the largest, {most:.3g}")
     for k, name in enumerate(series.names):
         if k in weights:
             continue
-        values = series.value[:, k]
+        factor, unit = (1e3, " g") if name.endswith("mass") else (1.0, "")
+        values = factor * series.value[:, k]
         largest = float(np.max(np.abs(values))) or 1.0
         # What starts from (almost) nothing, as an unknown load does, is shown against its largest value.
-        scale, what = (abs(values[0]), "start") if abs(values[0]) > 0.01 * largest else (largest, "largest")
-        unit = " kg" if name.endswith("mass") else ""
-        label = f"{name} / {scale:.3g}{unit} ({what}), end {values[-1]:.3g}{unit}"
+        starts = abs(values[0]) > 0.01 * largest
+        scale, what = (abs(values[0]), "start") if starts else (largest, "largest value")
+        label = f"{name}: {values[-1]:.3g}{unit} at the end; 1: its {what}, {scale:.3g}{unit}"
         axis.plot(series.t, values / scale, lw=1.0, label=label)
-    axis.set(ylabel="estimate, scaled", ylim=(None if weights else 0, None))
+    low = min(0.0, float(axis.dataLim.y0))
+    axis.set(ylabel="estimate, part of the value in its legend", ylim=(1.05 * low, None))
 
 
 def _is_weight(name: str) -> bool:
@@ -213,9 +233,20 @@ def mark(axis: Any, events: Sequence[Event], begin_s: float, end_s: float) -> No
         axis.text(t_s, 1.0, text, color=colour, size=8, weight="bold", **place)
 
 
-def lines_of(events: Sequence[Event]) -> list[str]:
-    """Return a line for each event, with the number that marks it."""
-    return [f"{k}: {event.t_s:.2f} s, {event.node}: {event.text}" for k, event in enumerate(events, 1)]
+def lines_of(events: Sequence[Event], begin_s: float, end_s: float) -> list[str]:
+    """Return a line for each event of a time, with the number that marks it.
+
+    Parameters
+    ----------
+    events : sequence of Event
+    begin_s, end_s : float
+        The time [s].
+    """
+    return [
+        f"{k}: {event.t_s:.2f} s, {event.node}: {event.text}"
+        for k, event in enumerate(events, 1)
+        if begin_s <= event.t_s <= end_s
+    ]
 
 
 def _has_strain(view: View, *words: str) -> bool:
@@ -254,6 +285,6 @@ ESTIMATES = Panel(
     "what the law has learned",
     "controller/estimates",
     lambda view: view.recording.estimates.t.size > 1,
-    lambda axis, view: draw_estimates(axis, view.recording),
+    draw_estimates,
 )
 ALL = (PATH, ERROR, PRESSURES, TIP, CURVATURES, STRETCHES, ESTIMATES)

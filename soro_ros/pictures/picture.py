@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soro_lab.scene import Scene
-from soro_ros.conversion.units import symbol_of
+from soro_ros.conversion.units import shown_in
 from soro_ros.pictures import panels
 from soro_ros.pictures.panels import MOST_NAMES, Panel, View, mark
 from soro_ros.recordings import shadow_report
@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from soro_ros.recordings.selection import FieldSeries
 
 # Distance of a legend from its axes, which leaves room for the numbers and the name of the axis [inches].
-_LEGEND_IN = 0.6
+_LEGEND_IN = 0.5
+# Letters of a name two of which stand beside each other.
+_SHORT = 30
 # Events that stand below a picture.
 _MOST_EVENTS = 8
 _RUN = (panels.PATH, panels.ERROR, panels.PRESSURES, panels.ESTIMATES)
@@ -41,7 +43,9 @@ def draw(recording: RunRecording, scene: Scene, file: Path) -> None:
     """
     from matplotlib import pyplot
 
-    view = View(recording, scene, 0.0, scene.duration_s, "measured" if scene.arm == "real" else "true")
+    ends_s = [float(one.t[-1]) for one in (recording.reading, recording.true_tip) if one.t.size]
+    end_s = max(ends_s, default=scene.duration_s)  # behind control, when the arm rests
+    view = View(recording, scene, 0.0, end_s, "measured" if scene.arm == "real" else "true")
     adaptation = "on" if scene.controller.adapt else "off"
     what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"
     title = f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}"
@@ -80,7 +84,7 @@ def picture(chosen: Sequence[Panel], view: View, title: str) -> Figure:
     if beside:
         draw_shadow(axes[-1], view)
     figure.suptitle(title)
-    _tell(figure, view.recording.events, 75 * columns)
+    _tell(figure, panels.lines_of(view.recording.events, view.begin_s, view.end_s), 75 * columns)
     return figure
 
 
@@ -97,9 +101,9 @@ def _axes(rows: int, columns: int, size_in: tuple[float, float], **options: bool
     return figure, axes
 
 
-def _tell(figure: Figure, events: Sequence[Event], width: int) -> None:
-    """Write the first events below a picture, in lines of at most `width` letters."""
-    if lines := panels.lines_of(events):
+def _tell(figure: Figure, lines: Sequence[str], width: int) -> None:
+    """Write the first lines below a picture, each of at most `width` letters."""
+    if lines:
         more = [f"and {len(lines) - _MOST_EVENTS} more"] if len(lines) > _MOST_EVENTS else []
         told = (textwrap.shorten(line, width) for line in [*lines[:_MOST_EVENTS], *more])
         figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize="small")
@@ -124,17 +128,19 @@ def picture_of_fields(
         groups.setdefault((field.topic, field.unit), []).append(field)
     figure, axes = _axes(len(groups), 1, (10, 3.6 * len(groups)), sharex=True)
     for axis, ((topic, unit), members) in zip(axes.flat, groups.items(), strict=True):
+        symbol, factor = shown_in(unit) if unit else ("", 1.0)
         for field in members:
-            axis.plot(field.t, field.value, lw=0.9, label=field.path)
+            step = "steps-post" if field.holds else "default"
+            axis.plot(field.t, factor * field.value, lw=0.9, label=field.path, drawstyle=step)
         many = f" ({len(members)} lines)" if len(members) > MOST_NAMES else ""
         axis.set_title(f"{topic}{many}", pad=14 if events else None)
-        axis.set(ylabel=f"[{symbol_of(unit)}]" if unit else "", xlim=(begin_s, end_s))
+        axis.set(ylabel=f"[{symbol}]" if symbol else "", xlim=(begin_s, end_s))
         axis.grid(alpha=0.3)
         legend(axis)
     for axis in axes.flat:  # the limits that all of them share are known now
         mark(axis, events, *axis.get_xlim())
     axes[-1, 0].set_xlabel("time [s]")
-    _tell(figure, events, 120)
+    _tell(figure, panels.lines_of(events, *axes[-1, 0].get_xlim()), 120)
     return figure
 
 
@@ -177,7 +183,15 @@ def legend(axis: Any) -> None:
     """Name the lines of axes below them, unless they are too many."""
     handles, names = axis.get_legend_handles_labels()
     if 0 < len(names) <= MOST_NAMES:
-        rows = axis.get_subplotspec().get_gridspec().nrows
-        below = _LEGEND_IN * rows / axis.figure.get_figheight()
-        place = {"loc": "upper center", "bbox_to_anchor": (0.5, -below), "ncols": 2, "fontsize": "small"}
+        from matplotlib.transforms import ScaledTranslation
+
+        below = axis.transAxes + ScaledTranslation(0.0, -_LEGEND_IN, axis.figure.dpi_scale_trans)
+        columns = 2 if max(map(len, names)) <= _SHORT else 1
+        place = {
+            "loc": "upper center",
+            "bbox_to_anchor": (0.5, 0.0),
+            "bbox_transform": below,
+            "ncols": columns,
+            "fontsize": "small",
+        }
         axis.legend(handles, names, **place)

@@ -143,8 +143,8 @@ def _recorded(run: OpenRun, spans: Spans) -> Iterator[Block]:
     ]
     seconds = (reader.end_ns - reader.start_ns) * 1e-9
     yield Words(
-        f"{reader.message_count} messages in {seconds:.2f} s by the clock of the recorder, "
-        "which in lockstep is not that of the run. Gap: longest time between two messages.",
+        f"{reader.message_count} messages in {seconds:.2f} s by the clock of the recorder. "
+        "Gap: longest time between two messages.",
         kind="soft",
     )
     lost = run.view.recording.diagnostics.get("recorder", {})

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from soro_core.errors import BagError, ConfigError
 from soro_lab.bag import BagReader
-from soro_lab.run_folder import bag_and_scene, bag_of
+from soro_lab.run_folder import bag_and_scene
 from soro_lab.scene import Scene, load_scene
 from soro_ros.pictures.panels import View
 from soro_ros.recordings import report
@@ -76,9 +76,8 @@ def open_run(
     ConfigError
         If it has several arms and none is chosen.
     """
-    bag = bag_of(run)
     scene, found = _scene(run, scene_file, say)
-    with BagReader(bag) as reader:
+    with BagReader(run) as reader:
         chosen = _arm(reader, arm, scene)
         recording = recorded(reader, chosen, spans)
     if scene is not None and scene.name != chosen:

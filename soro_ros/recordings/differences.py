@@ -7,9 +7,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from std_msgs.msg import Float64MultiArray
-
-from soro_ros.conversion import learning, messages
+from soro_ros.conversion import messages
 from soro_ros.conversion.fields import Value, flat
 
 
@@ -132,8 +130,6 @@ class TopicDifferences:
 
 def stamp_of(message: Any) -> int:
     """Return the time of a message [ns]; of one without a stamp 0: such messages pair in their order."""
-    if isinstance(message, Float64MultiArray):
-        return learning.stamp_ns(message)
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     return messages.to_ns(stamp) if hasattr(stamp, "nanosec") else 0
 

@@ -1,4 +1,4 @@
-"""What happened in a run: trips, latches, warnings and injected faults, at their times."""
+"""What happened in a run at which time: trips, vents on request, warnings and injected faults."""
 
 from __future__ import annotations
 
@@ -7,8 +7,9 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-Kind: TypeAlias = Literal["trip", "warning", "over", "injected"]
-KINDS: tuple[Kind, ...] = ("trip", "warning", "over", "injected")
+from soro_ros.topics.diagnostics import is_requested
+
+Kind: TypeAlias = Literal["trip", "vent", "warning", "over", "injected"]
 
 # The same words from two sources, the latch and /diagnostics, within this time [s] are one event.
 _SAME_S = 1.5
@@ -79,12 +80,20 @@ def events_of(said: Iterable[Said], time_of: Callable[[int], float]) -> tuple[Ev
         if (level, words) == before:
             continue
         kind: Kind = "trip" if level >= 2 else "warning" if level == 1 else "over"
+        if kind == "trip" and is_requested(text):
+            kind = "vent"
         if kind == "over" and before[0] < 2:
             continue
         event = Event(time_of(log_ns), kind, node, text)
         if not any(_are_same(event, other) for other in found[-4:]):
             found.append(event)
     return tuple(found)
+
+
+def under_control(events: Sequence[Event], end_s: float) -> tuple[Event, ...]:
+    """Return events without the warnings behind the first trip, or behind the end of control [s]."""
+    last_s = min((event.t_s for event in events if event.kind == "trip"), default=end_s)
+    return tuple(event for event in events if event.kind != "warning" or event.t_s <= min(last_s, end_s))
 
 
 def clock(log_ns: Sequence[int], stamp_ns: Sequence[int], start_ns: int) -> Callable[[int], float]:

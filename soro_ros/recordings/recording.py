@@ -9,13 +9,15 @@ from pathlib import Path
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from numpy.typing import NDArray
 from sensor_msgs.msg import JointState
 
 from soro_core.arrays import Array
 from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion import messages
 from soro_ros.conversion.decoding import Messages
-from soro_ros.recordings.events import Event, NodeStatus, Said, clock, events_of, statuses_of
+from soro_ros.recordings.events import Event, NodeStatus, Said, clock, events_of, statuses_of, under_control
+from soro_ros.topics.diagnostics import is_requested
 
 _TYPES = {
     "sensor_msgs/msg/JointState": JointState,
@@ -51,6 +53,10 @@ class TopicSeries:
         """Values interpolated at other times, (len(t), m)."""
         columns = [np.interp(t, self.t, column) for column in self.value.T]
         return np.column_stack(columns)
+
+    def at_times(self, chosen: NDArray[np.bool_]) -> TopicSeries:
+        """Return the chosen (n,) of its samples."""
+        return TopicSeries(self.t[chosen], self.value[chosen], self.names)
 
 
 # No arm has larger numbers [m, rad, Pa].
@@ -183,6 +189,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
     _, densest = max(kept.values(), key=lambda one: len(one[1]), default=((), []))
     stamps, logged = [row[0] for row in densest], [row[1] for row in densest]
     time_of = clock(logged, stamps, start)
+    end_s = 1e-9 * (kept["arm/desired/tip"][1][-1][0] - start) if "arm/desired/tip" in kept else np.inf
     return RunRecording(
         true_tip=series("truth/tip"),
         estimated_tip=series("arm/tip"),
@@ -198,7 +205,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         shadow_tip=series("arm/shadow/tip"),
         true_state=series("truth/state"),
         estimated_state=series("arm/state"),
-        events=events_of(said, time_of),
+        events=under_control(events_of(said, time_of), end_s),
         said=statuses_of(said, time_of),
         problems=problems,
     )
@@ -239,14 +246,15 @@ def statuses(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, dict[
     values : dict of str to str
         Its diagnostic values.
     error : str
-        Name and message of a node with an error; "" of others.
+        Name and message of a node with an error, which a vent on request is not; "" of others.
     """
     for status in message.status:
         if status.name.startswith(prefix):
             name = status.name.removeprefix(prefix)
             is_error = _level(status) >= 2
             values = {pair.key: pair.value for pair in status.values}
-            yield name, values, f"{name}: {status.message}" if is_error else ""
+            is_fault = is_error and not is_requested(status.message)
+            yield name, values, f"{name}: {status.message}" if is_fault else ""
 
 
 def _levels(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, int, str]]:

@@ -16,9 +16,9 @@ from typing import Any, Protocol
 
 from soro_core.config import with_changes
 from soro_core.errors import BagError, ConfigError
-from soro_lab.bag import BagReader
+from soro_lab.bag import BagReader, Topic
 from soro_lab.scene import Scene
-from soro_ros.conversion.decoding import Messages
+from soro_ros.conversion.decoding import Messages, class_of
 from soro_ros.conversion.fields import flat
 from soro_ros.conversion.interfaces import type_name
 from soro_ros.recordings.differences import TopicDifferences, stamp_of
@@ -122,7 +122,7 @@ def replay(
     prefix = f"/{scene.name}/"
     outputs = {prefix + topic: kind for name in nodes for topic, kind in NODES[name][0].outputs.items()}
     with BagReader(bag) as reader:
-        there = {topic.name: topic.type for topic in reader.topics}
+        there = {topic.name: _type_now(topic) for topic in reader.topics}
         compared = {topic: kind for topic, kind in outputs.items() if topic in there}
         if not any(reader.count(topic) for topic in compared):
             raise BagError(f"no message of {', '.join(sorted(outputs))}", bag, "missing")
@@ -180,6 +180,11 @@ class _Fed:
         self._reached_ns = max(self._reached_ns, stamp_of(message))
         if (one := self._found.get(self._prefix + topic)) is not None:
             one.take_now(message)
+
+
+def _type_now(topic: Topic) -> str:
+    kind = class_of(topic)
+    return topic.type if kind is None else type_name(kind)
 
 
 def _check(

@@ -23,6 +23,8 @@ WINDOW_S = 5.0
 SETTLED_PART_OF_LENGTH = 0.05
 # Time [s] that may be missing at either end of a window.
 MISSING_S = 0.2
+# A gap in a recording is this many times as long as its samples are usually apart.
+USUAL = 20.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,8 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
     )
     loop = recording.diagnostics.get("regulator", recording.diagnostics.get("twin", {}))
     low, high = pressure_bounds(scene)
-    command = within(recording.command, scene.duration_s)
+    command = recording.command
+    command = command.at_times(in_control(recording, command.t, scene.duration_s))
     at_bound = (command.value <= low + 1.0) | (command.value >= high - 1.0)
     at_bound_last = at_bound[command.t >= scene.duration_s - last_s(scene)]
     reading = within(recording.reading, scene.duration_s).value
@@ -125,9 +128,31 @@ def tip_error(recording: RunRecording, duration_s: float) -> tuple[Array, Array]
     wanted, true = recording.wanted_tip, recording.true_tip
     if wanted.t.size < 2 or true.t.size < 2:
         return np.zeros(0), np.zeros(0)
-    inside = (true.t >= 0.0) & (true.t <= min(duration_s, wanted.t[-1]))
+    inside = in_control(recording, true.t, duration_s)
     t = true.t[inside]
     return t, np.asarray(np.linalg.norm(true.value[inside] - wanted.at(t), axis=1))
+
+
+def in_control(recording: RunRecording, t: Array, duration_s: float) -> NDArray[np.bool_]:
+    """Return which times are under control: until the first trip, not while vented on request.
+
+    Parameters
+    ----------
+    recording : RunRecording
+    t : ndarray (n,)
+        Times [s].
+    duration_s : float
+        End of the scene [s].
+    """
+    wanted = recording.wanted_tip.t
+    trips = (event.t_s for event in recording.events if event.kind == "trip" and event.t_s >= 0.0)
+    end_s = min(duration_s, float(wanted[-1]) if wanted.size else 0.0, *trips)
+    inside = (t >= 0.0) & (t <= end_s)
+    if wanted.size > 1:
+        apart = np.diff(wanted)
+        lost = apart > max(MISSING_S, USUAL * float(np.median(apart)))
+        inside &= ~lost[np.clip(np.searchsorted(wanted, t) - 1, 0, apart.size - 1)]
+    return np.asarray(inside)
 
 
 def last_s(scene: Scene) -> float:
@@ -250,8 +275,7 @@ def _timing(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
 
 def within(series: TopicSeries, duration_s: float) -> TopicSeries:
     """Return the samples of a series from 0 to `duration_s` [s]."""
-    inside = (series.t >= 0.0) & (series.t <= duration_s)
-    return TopicSeries(series.t[inside], series.value[inside], series.names)
+    return series.at_times((series.t >= 0.0) & (series.t <= duration_s))
 
 
 def _part(flags: NDArray[np.bool_]) -> float:

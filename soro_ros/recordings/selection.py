@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
 from soro_core.arrays import Array
 from soro_core.errors import BagError, ConfigError
@@ -20,6 +20,9 @@ from soro_ros.recordings.convert import wanted
 from soro_ros.recordings.differences import stamp_of
 from soro_ros.recordings.events import clock
 
+# Messages that hold until the next one.
+_HOLD = ("diagnostic_msgs/msg/DiagnosticStatus", "diagnostic_msgs/msg/DiagnosticArray", "std_msgs/msg/Bool")
+_FLAGS = {"false": 0.0, "true": 1.0}
 # What a picture can show; more is a mistake.
 MOST_LINES = 400
 # Fields that an error names.
@@ -29,13 +32,14 @@ _SIMULATED_NS = 10**15
 
 
 class FieldSeries(NamedTuple):
-    """One number of a topic over time: times (n,) [s] and values (n,)."""
+    """One number of a topic over time: times (n,) [s] and values (n,); each may hold until the next."""
 
     topic: str
     path: str
     unit: str
     t: Array
     value: Array
+    holds: bool = False
 
 
 def fields_of(
@@ -94,7 +98,7 @@ def fields_of(
                 if len(found) + len(rows) > MOST_LINES:
                     allowed = f"--topic and --field that choose at most {MOST_LINES} numbers"
                     raise ConfigError("soro plot", "--field", f"more, as {topic.name} {path}", allowed)
-            found += _found(topic, rows)
+            found += _found(topic, rows, time_of(reader.end_ns))
             for line in messages.left_out:
                 say(line)
         for problem in reader.problems:
@@ -108,9 +112,14 @@ def fields_of(
     return found
 
 
-def _found(topic: Topic, rows: dict[str, tuple[list[float], list[float]]]) -> Iterator[FieldSeries]:
+def _found(
+    topic: Topic, rows: dict[str, tuple[list[float], list[float]]], end_s: float
+) -> Iterator[FieldSeries]:
+    holds = topic.type in _HOLD
     for path, (t, value) in rows.items():
-        yield FieldSeries(topic.name, path, unit_of(topic.name, path), np.array(t), np.array(value))
+        if holds:
+            t, value = [*t, max(t[-1], end_s)], [*value, value[-1]]
+        yield FieldSeries(topic.name, path, unit_of(topic.name, path), np.array(t), np.array(value), holds)
 
 
 def _is_chosen(path: str, fields: Sequence[str]) -> bool:
@@ -120,12 +129,14 @@ def _is_chosen(path: str, fields: Sequence[str]) -> bool:
 
 
 def _numbers(message: Any) -> Iterator[tuple[str, float]]:
-    if isinstance(message, DiagnosticArray):
-        for status in message.status:
-            yield f"{status.name}.level", float(status.level[0])
+    if isinstance(message, DiagnosticArray | DiagnosticStatus):
+        is_array = isinstance(message, DiagnosticArray)
+        for status in message.status if is_array else [message]:
+            of = f"{status.name}." if is_array else ""
+            yield f"{of}level", float(status.level[0])
             for pair in status.values:
                 try:
-                    yield f"{status.name}.{pair.key}", float(pair.value)
+                    yield f"{of}{pair.key}", float(_FLAGS.get(pair.value, pair.value))
                 except ValueError:
                     continue
         return

@@ -69,11 +69,14 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
             controller and f"controller: {controller}"
         )
         found = Verdict("lost", "; ".join(filter(None, ("the law has given no command", why))))
+    elif recording is not None and (left := _left_vented(recording, scene)):
+        found = Verdict("vented", left)
     else:
         found = _followed(summary, scene, recording)
     more = [line for line in end.warnings if line not in found.reason]
     reason = "; ".join(filter(None, (found.reason, *more)))
-    return replace(found, reason=reason, notes=(*found.notes, *_notes(said)))
+    notes = _requested(recording) if recording is not None and end.status == 0 else ()
+    return replace(found, reason=reason, notes=(*found.notes, *notes, *_notes(said)))
 
 
 def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | None) -> Verdict:
@@ -118,6 +121,20 @@ def _why_vented(summary: Summary | None, end: End, said: Mapping[str, str]) -> s
         why = end_of_commands(said.get("controller", ""), said.get("estimator", ""))
         return why or (end.error if _NO_COMMANDS not in end.error else "") or trips or end.error
     return trips or end.error or "interrupted"
+
+
+def _left_vented(recording: RunRecording, scene: Scene) -> str:
+    """Return that the arm was vented on request until the end; empty if it was not."""
+    asked = [event.t_s for event in recording.events if event.kind == "vent"]
+    ended_s = float(recording.wanted_tip.t[-1]) if recording.wanted_tip.t.size else 0.0
+    if not asked or ended_s > scene.duration_s - MISSING_S:
+        return ""
+    return f"on request at {asked[-1]:.2f} s, and not enabled again"
+
+
+def _requested(recording: RunRecording) -> tuple[str, ...]:
+    """Return a line for each vent that someone asked for."""
+    return tuple(f"vented on request at {one.t_s:.2f} s" for one in recording.events if one.kind == "vent")
 
 
 def _trip_s(recording: RunRecording) -> float:

@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from soro_core.config import Strict, with_changes
 from soro_core.errors import SoroError
+from soro_core.safety.vent_check import REST_S
 from soro_hardware.emulation.sockets.control import ControlClient
 from soro_lab.bag.config import RecorderConfig
 from soro_lab.scene import Scene
@@ -27,6 +28,7 @@ from soro_ros.run import processes
 from soro_ros.run.loop_nodes import OBSERVERS, LoopNodes, control_loop
 from soro_ros.run.processes import Child, NodeError
 from soro_ros.run.supervisor import RunMonitor
+from soro_ros.topics.diagnostics import OVER
 
 # A cold start compiles the model's kernels in several processes at once.
 START_LIMIT_S = 180.0
@@ -53,6 +55,8 @@ END_ORDER = (
     "recorder",
     "valves",
 )
+# Longest wait for a controller to command zero, at the end and after Ctrl-C; then the valves are vented [s].
+ZERO_LIMIT_S, URGENT_S = 2.0, 0.5
 # A run that hangs may be longer than its scene by this time, in which control begins [s].
 _BEGIN_S, _END_S = 30.0, 2.0
 
@@ -143,7 +147,9 @@ class Run:
         if scene.recorder.enabled:
             topics, exclude = recorded_topics(scene), scene.recorder.exclude
             notes = tuple(f"{name}={version}" for name, version in versions().items())
-            recorder = RecorderConfig(folder=str(self.bag), topics=topics, exclude=exclude, notes=notes)
+            recorder = RecorderConfig(
+                mode=scene.mode, folder=str(self.bag), topics=topics, exclude=exclude, notes=notes
+            )
             self._start_nodes(supervisor, {"recorder": recorder})
         nodes: dict[str, Strict] = {}
         if scene.arm != "real":
@@ -246,7 +252,7 @@ class Run:
                 )
         self.check()
         essential = [name for name in self.nodes if not self._spares(name)]
-        supervisor.check(essential)
+        supervisor.check(essential, spares_requested=not self._loop.empties)
         supervisor.check_silence(essential)
         for name in set(self.nodes) - set(essential):
             if self._children[name].process.poll() is not None:
@@ -267,6 +273,41 @@ class Run:
         if self.warnings.get(name) != line:
             self.warnings[name] = line
             self._report(f"warning: {line}; the arm goes on")
+
+    def empty(self, supervisor: RunMonitor, has_failed: bool) -> None:
+        """Let the arm become empty before the nodes end, so that the recording shows it.
+
+        Where the valves are not vented yet, and no controller could command zero, the end vents at once.
+
+        Parameters
+        ----------
+        supervisor : RunMonitor
+        has_failed : bool
+            Whether an error has ended the run, such as a trip.
+        """
+        scene, interrupts = self.scene, len(self._interrupted)
+        skips = not supervisor.error(self._driver) if has_failed else self._loop.empties and not interrupts
+        if skips or not (self.has_started and scene.recorder.enabled):
+            return
+        limit_s = scene.limits.vent_limit_s + REST_S
+        if self._pulse is not None:
+            self._pulse.renew(limit_s + _END_S)
+        lockstep = scene.mode == "lockstep"
+        if not has_failed and (interrupts or not lockstep):  # in lockstep the controller ends by itself
+            try:
+                supervisor.call(f"{self._loop.commander}/vent", URGENT_S if interrupts else ZERO_LIMIT_S)
+            except SoroError:
+                return
+        now_ns = int(supervisor.node.get_clock().now().nanoseconds)
+        begin_ns = round(1e9 * min(supervisor.clock_s, scene.duration_s)) if lockstep else now_ns
+
+        def goes_on() -> bool:
+            """Return whether readings may still come, and nobody asks for the end once more."""
+            twin, driver = supervisor.status.get("twin"), self._children.get(self._driver)
+            ended = driver is None or driver.process.poll() is not None
+            return not (ended or (twin and twin.message == OVER) or len(self._interrupted) > interrupts)
+
+        supervisor.watch_emptying(scene.limits, begin_ns, limit_s, goes_on, lockstep)
 
     def end(self) -> dict[str, str]:
         """End every process in order; return a line for each that did not end cleanly, by name.

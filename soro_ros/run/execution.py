@@ -221,6 +221,7 @@ def execute(
             said = supervisor.warnings()
             if interrupted:
                 console.print("interrupted: venting and closing the bag")
+            run.empty(supervisor, bool(errors))
             for name, line in run.end().items():
                 errors.append(line)
                 if name != failed:  # the end of this one follows from its failure

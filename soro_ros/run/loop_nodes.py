@@ -26,12 +26,15 @@ class LoopNodes:
         Whether the twin runs beside a real arm.
     observers : frozenset of str
         Names of the nodes whose failure does not end the run.
+    empties : bool
+        Whether the commander ends the run itself, with an arm that it has emptied: any vent ends it too.
     """
 
     nodes: Mapping[str, Strict]
     commander: str
     shadow: bool = True
     observers: frozenset[str] = OBSERVERS
+    empties: bool = False
 
 
 def control_loop(scene: Scene) -> LoopNodes:
@@ -46,4 +49,5 @@ def excitation_loop(scene: Scene) -> LoopNodes:
     The model of a robot that is not identified yet is no shadow.
     """
     observers = OBSERVERS - {"recorder"}
-    return LoopNodes({"exciter": scene.exciter_node()}, "exciter", shadow=False, observers=observers)
+    nodes = {"exciter": scene.exciter_node()}
+    return LoopNodes(nodes, "exciter", shadow=False, observers=observers, empties=True)

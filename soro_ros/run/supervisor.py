@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterable
 from functools import partial
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import PoseStamped
 from rclpy.experimental.events_executor import EventsExecutor
@@ -17,10 +18,12 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from soro_core.errors import SoroError
+from soro_core.safety import Limits
+from soro_core.safety.vent_check import REST_S, empty_since
 from soro_ros.conversion import messages, qos
 from soro_ros.host import claims, middleware, services
 from soro_ros.run.processes import NodeError
-from soro_ros.topics.diagnostics import ERROR, WARN
+from soro_ros.topics.diagnostics import ERROR, WARN, is_requested
 
 # Nodes publish /diagnostics once a second; a machine that delays them for so long cannot control an arm.
 SILENT_S = 8.0
@@ -28,7 +31,9 @@ SILENT_S = 8.0
 DEAF_S = 1.0
 # Time in which another program with the same nodes is heard [s].
 LOOK_S = 1.5
-_COMMAND, _DESIRED = "chambers/command", "arm/desired/tip"
+# Longest time without a reading while an arm becomes empty [s].
+SILENT_READINGS_S = 2.0
+_COMMAND, _DESIRED, _READINGS = "chambers/command", "arm/desired/tip", "chambers/state"
 
 
 class RunMonitor:
@@ -121,10 +126,14 @@ class RunMonitor:
         """Latest warnings of the nodes that have one, by name."""
         return {name: str(status.message) for name, status in self.status.items() if status.level == WARN}
 
-    def check(self, names: Iterable[str] | None = None) -> None:
-        """Raise NodeError if one of these nodes, by default any, reports an error."""
+    def check(self, names: Iterable[str] | None = None, spares_requested: bool = False) -> None:
+        """Raise NodeError if one of these nodes, by default any, reports an error.
+
+        With `spares_requested` a vent that someone asked for is none.
+        """
         for name in list(self.status) if names is None else names:
-            if failure := self.error(name):
+            failure = self.error(name)
+            if failure and not (spares_requested and is_requested(self.status[name].message)):
                 raise NodeError(name, failure)
 
     def check_silence(self, names: Iterable[str]) -> None:
@@ -212,6 +221,36 @@ class RunMonitor:
         if not response.success:
             raise SoroError(f"{service}: {response.message}")
         return str(response.message)
+
+    def watch_emptying(
+        self, limits: Limits, begin_ns: int, limit_s: float, goes_on: Callable[[], bool], lockstep: bool
+    ) -> None:
+        """Receive messages until every chamber has been empty for a while, so that the recording has it.
+
+        Parameters
+        ----------
+        limits : Limits
+        begin_ns : int
+            Stamp from which on readings count [ns].
+        limit_s : float
+            Longest time by their stamps [s]; without any reading it is `SILENT_READINGS_S`.
+        goes_on : callable
+        lockstep : bool
+        """
+        empty_ns, rests, heard_s = None, False, time.monotonic()
+
+        def take(message: JointState) -> None:
+            nonlocal empty_ns, rests, heard_s
+            now_ns, heard_s = messages.to_ns(message.header.stamp), time.monotonic()
+            if now_ns >= begin_ns:
+                empty_ns = empty_since(limits, empty_ns, np.array(message.effort), now_ns)
+                quiet_s = 0.0 if empty_ns is None else 1e-9 * (now_ns - empty_ns)
+                rests = rests or quiet_s >= REST_S or now_ns - begin_ns >= 1e9 * limit_s
+
+        subscription = self.node.create_subscription(JointState, _READINGS, take, qos.sensor(lockstep))
+        while not rests and goes_on() and time.monotonic() - heard_s < SILENT_READINGS_S:
+            self.spin(0.05)
+        self.node.destroy_subscription(subscription)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

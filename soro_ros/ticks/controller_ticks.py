@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray, Header
+from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
 
 from soro_core.adaptation import Learned
@@ -72,7 +72,7 @@ class ControllerTicks:
 
     outputs: ClassVar[dict[str, type[Any]]] = {
         "chambers/command": JointState,
-        "arm/learned": Float64MultiArray,
+        "arm/learned": JointState,
         **ControlReport.outputs,
         **MotionTopic.outputs,
     }
@@ -94,6 +94,7 @@ class ControllerTicks:
         self._failure, self._refused, self.refusals = "", "", 0
         self._covariance_refused = False
         self.state: ControllerState
+        self._zero_ns = 0
         self.forget()
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
@@ -102,7 +103,7 @@ class ControllerTicks:
             self.controller,
             self._lockstep,
             1.0 / config.rate_hz,
-            config.frames,
+            config.frames.within(source.rpartition("/")[0]),
             self._take,
             self._refuse,
             motion or (lambda: config.control.motion),
@@ -111,7 +112,7 @@ class ControllerTicks:
         self._report = ControlReport(self._coordinates, self._world, ports.publish, ports.is_read)
         self.inputs: Inputs = {
             "chambers/state": Input(JointState, self._on_reading, qos.sensor),
-            "arm/covariance": Input(Float64MultiArray, self._on_covariance, qos.loop),
+            "arm/covariance": Input(JointState, self._on_covariance, qos.loop),
             "arm/state": Input(JointState, self._on_state, qos.loop),
             _TRAJECTORY: Input(JointTrajectory, self._on_trajectory, qos.reference),
             _TIP: Input(PoseStamped, self._on_tip, qos.reference),
@@ -159,7 +160,8 @@ class ControllerTicks:
         self._seen: list[tuple[str, int, np.ndarray]] = []
         self._told: tuple[Learned | None, int] = None, 0
         self._reference: Reference | None = None
-        self._zero_ns = 0
+        # States older than the last zero wait still, and the driver refuses their commands as out of order.
+        self._zero_ns = min(self._zero_ns, self._ports.now_ns())
         self._refuse("")
 
     @property
@@ -191,12 +193,14 @@ class ControllerTicks:
         self._inputs.add_state(message)
         self._process()
 
-    def _on_covariance(self, message: Float64MultiArray) -> None:
-        if learning.stamp_ns(message) >= 0:
-            self._inputs.add_covariance(message)
-        elif not self._covariance_refused:
+    def _on_covariance(self, message: JointState) -> None:
+        n_q = len(self._coordinates)
+        certainty = learning.certainty_of(message, n_q)
+        if certainty is None and message.position and not self._covariance_refused:
             self._covariance_refused = True
-            self._ports.warn("arm/covariance refused: its first two numbers are no time; said once")
+            size = f"{1 + 4 * n_q * n_q} numbers of an arm in position"
+            self._ports.warn(f"arm/covariance refused: allowed: {size}, or none; said once")
+        self._inputs.add_certainty(messages.to_ns(message.header.stamp), certainty)
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
@@ -247,8 +251,11 @@ class ControllerTicks:
             self._tick(*found)
 
     def _tick(
-        self, message: JointState, stamp_ns: int, reading: np.ndarray, covariance: Float64MultiArray | None
+        self, message: JointState, stamp_ns: int, reading: np.ndarray, certainty: Certainty | None
     ) -> None:
+        if self._lockstep and 0 < round(1e9 * self._config.duration_s) < stamp_ns:
+            self.enabled = False
+            self._note("")
         if not self.enabled:
             self._publish_learned(None, stamp_ns)
             # The first command says that readings and estimates come: `soro run` then enables the controller.
@@ -268,7 +275,6 @@ class ControllerTicks:
             dt = min(dt, self._config.state_age_s)
             q, qd = np.array(message.position), np.array(message.velocity)
             t = (stamp_ns - self._epoch_ns) * 1e-9
-            certainty = None if covariance is None else learning.certainty_of(covariance, len(q))
             epoch_ns = self._epoch_ns
             seen = [
                 StampedPosition(name, 1e-9 * (at_ns - epoch_ns), place) for name, at_ns, place in self._seen
@@ -281,7 +287,9 @@ class ControllerTicks:
             self._publish_learned(command.learned, stamp_ns)
         else:
             self._publish_learned(None, stamp_ns)
-        self._note(add_prefix(NO_COMMAND, failure) or command.status.note)
+        # The reading at time 0 is where the filter begins, and has no estimate.
+        if stamp_ns > 0 or not self._lockstep:
+            self._note(add_prefix(NO_COMMAND, failure) or command.status.note)
         if failure:
             if self._lockstep:
                 self._publish(np.zeros(0), stamp_ns)

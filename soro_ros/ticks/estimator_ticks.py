@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
 from soro_core.adaptation import Learned
 from soro_core.adaptation.learned import size_of
@@ -49,7 +48,7 @@ class EstimatorTicks:
     """
 
     outputs: ClassVar[dict[str, type[Any]]] = {
-        "arm/covariance": Float64MultiArray,
+        "arm/covariance": JointState,
         "arm/state": JointState,
         "arm/tip": PoseWithCovarianceStamped,
     }
@@ -71,7 +70,7 @@ class EstimatorTicks:
         self._samples = SampleInputs(config, self.estimator.length, self._seconds, self._process, frames)
         self.inputs: Inputs = {
             "chambers/state": Input(JointState, self._on_pressures, qos.sensor),
-            "arm/learned": Input(Float64MultiArray, self._on_learned, qos.loop),
+            "arm/learned": Input(JointState, self._on_learned, qos.loop),
             **self._samples.inputs,
         }
 
@@ -90,9 +89,9 @@ class EstimatorTicks:
             state, _ = estimator.step(state, zero, poses, [imu] if k % 8 == 1 else [], dt, learned)
 
     # Inputs ----------------------------------------------------------------------------------------
-    def _on_learned(self, message: Float64MultiArray) -> None:
+    def _on_learned(self, message: JointState) -> None:
         self._learned = learning.learned_of(message)
-        if learning.stamp_ns(message) == self._awaited_ns:
+        if messages.to_ns(message.header.stamp) == self._awaited_ns:
             self._awaited_ns = None
         self._process()
 

@@ -20,7 +20,7 @@ from soro_core.safety import Limiter
 from soro_ros.conversion import messages, qos
 from soro_ros.host import pulse
 from soro_ros.topics.command_topic import CommandTopic
-from soro_ros.topics.diagnostics import ERROR, NONE, OK, VENTED, WARN
+from soro_ros.topics.diagnostics import ERROR, NONE, OK, REQUESTED, VENTED, WARN
 
 
 class ChamberInterface:
@@ -202,7 +202,7 @@ class ChamberInterface:
         return response
 
     def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._limiter.vent("vent requested")
+        self._limiter.vent(REQUESTED)
         self.report_latch()
         response.success, response.message = True, "vented until ~/reset"
         return response

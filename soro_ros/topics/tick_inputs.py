@@ -8,10 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
 from soro_core.arrays import Array
-from soro_ros.conversion import learning, messages
+from soro_core.control.laws import Certainty
+from soro_ros.conversion import messages
 
 
 class TickInput(NamedTuple):
@@ -24,13 +24,13 @@ class TickInput(NamedTuple):
         Time of the state [ns].
     pressure_pa : ndarray (n_u,)
         Measured pressures [Pa gauge]; NaN while none has arrived.
-    covariance : Float64MultiArray or None
+    certainty : Certainty or None
     """
 
     state: JointState
     stamp_ns: int
     pressure_pa: Array
-    covariance: Float64MultiArray | None
+    certainty: Certainty | None
 
 
 class TickInputs:
@@ -54,7 +54,7 @@ class TickInputs:
         self._with_covariance, self._covariance_age_s = with_covariance, covariance_age_s
         self._readings: deque[tuple[int, Array]] = deque(maxlen=50)
         self._states: deque[JointState] = deque(maxlen=1000)
-        self._covariances: deque[Float64MultiArray] = deque(maxlen=50)
+        self._certainties: deque[tuple[int, Certainty | None]] = deque(maxlen=50)
 
     def add_reading(self, stamp_ns: int, pressure_pa: Array) -> None:
         """Add measured pressures (n_u,) [Pa gauge] of a time [ns]."""
@@ -64,9 +64,9 @@ class TickInputs:
         """Add an estimate of the arm's state, which waits for its tick."""
         self._states.append(message)
 
-    def add_covariance(self, message: Float64MultiArray) -> None:
-        """Add the covariance of an estimate."""
-        self._covariances.append(message)
+    def add_certainty(self, stamp_ns: int, certainty: Certainty | None) -> None:
+        """Add what the filter says of its estimate of a time [ns]; None: it has none."""
+        self._certainties.append((stamp_ns, certainty))
 
     @property
     def has_reading(self) -> bool:
@@ -82,10 +82,10 @@ class TickInputs:
         if not self._states:
             return None
         stamp_ns = messages.to_ns(self._states[0].header.stamp)
-        reading, covariance = self._reading_at(stamp_ns), self._covariance_at(stamp_ns)
-        if reading is None or (covariance is None and self._lockstep and self._with_covariance):
+        reading, found = self._reading_at(stamp_ns), self._certainty_at(stamp_ns)
+        if reading is None or (found is None and self._lockstep and self._with_covariance):
             return None
-        return TickInput(self._states.popleft(), stamp_ns, reading, covariance)
+        return TickInput(self._states.popleft(), stamp_ns, reading, None if found is None else found[1])
 
     def _reading_at(self, stamp_ns: int) -> Array | None:
         for stamp, pressure in reversed(self._readings):
@@ -93,11 +93,11 @@ class TickInputs:
                 return pressure
         return None if self._lockstep else np.full(self._n_u, np.nan)
 
-    def _covariance_at(self, stamp_ns: int) -> Float64MultiArray | None:
-        for message in reversed(self._covariances):
-            age_s = (stamp_ns - learning.stamp_ns(message)) * 1e-9
+    def _certainty_at(self, stamp_ns: int) -> tuple[int, Certainty | None] | None:
+        for found in reversed(self._certainties):
+            age_s = (stamp_ns - found[0]) * 1e-9
             if age_s == 0.0 or (not self._lockstep and abs(age_s) <= self._covariance_age_s):
-                return message
+                return found
         return None
 
 

@@ -1,4 +1,4 @@
-"""Base and tip of the arm on /tf_static and /tf, where the package tf2_msgs is installed."""
+"""Frames on the arm: robot_description always, and /tf where the package tf2_msgs is installed."""
 
 from __future__ import annotations
 
@@ -6,37 +6,40 @@ import numpy as np
 from geometry_msgs.msg import TransformStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from std_msgs.msg import String
 
-from soro_core.robot import Robot
-from soro_core.rotation import matrix_from_quaternion
-from soro_core.run_keys import Frames
+from soro_core.arrays import Array
+from soro_core.model.soft_arm import SoftArm
+from soro_lab.scene import EstimatorNodeConfig
 from soro_ros.conversion import messages, qos
+from soro_ros.conversion.arm_frames import ArmFrame, frames_of, urdf
 
 
 class ArmTransforms:
-    """Publishes where the base is in the world, once, and where the tip is at the base.
+    """Publishes which frames an arm has, where its base is in the world, and where they are at the base.
 
-    Without tf2_msgs, which is no part of the wheels, nothing is published.
+    Without tf2_msgs, which is no part of the wheels, the first alone.
 
     Parameters
     ----------
     node : Node
         Owner of the topics.
-    robot : Robot
-        Robot whose base stands in the world.
-    frames : Frames
-        Names of the frames.
-    wanted : bool
-        Whether anything is published.
+    arm : SoftArm
+    config : EstimatorNodeConfig
+        Names of the frames, places of the sensors, and whether /tf is wanted.
     """
 
-    def __init__(self, node: Node, robot: Robot, frames: Frames, wanted: bool) -> None:
-        self._frames = frames
-        self._tip: Publisher | None = None
-        self._base = np.eye(4)
-        self._base[:3, :3] = matrix_from_quaternion(np.array(robot.base_quaternion, dtype=np.float64))
-        self._base[:3, 3] = robot.base_position
-        if not wanted:
+    def __init__(self, node: Node, arm: SoftArm, config: EstimatorNodeConfig) -> None:
+        self._arm, robot = arm, arm.robot
+        names = config.frames.within(node.get_namespace())
+        self._base_name = names.base
+        self._frames = frames_of(robot, names, config.pose_locations, config.imu_locations)
+        self._base = arm.pose(np.zeros(arm.n_q), 0.0)
+        rest = np.zeros(arm.n_q)
+        described = urdf(robot, names.base, self._frames, lambda frame: self._at_base(rest, frame))
+        node.create_publisher(String, "robot_description", qos.LATCHED).publish(String(data=described))
+        self._moving: Publisher | None = None
+        if not config.publish_tf:
             return
         try:
             from tf2_msgs.msg import TFMessage
@@ -44,27 +47,31 @@ class ArmTransforms:
             node.get_logger().info("no /tf: the package tf2_msgs is not installed")
             return
         self._kind = TFMessage
-        self._tip = node.create_publisher(self._kind, "/tf", qos.RELIABLE)
-        fixed = node.create_publisher(self._kind, "/tf_static", qos.LATCHED)
+        self._moving = node.create_publisher(TFMessage, "/tf", qos.RELIABLE)
+        fixed = node.create_publisher(TFMessage, "/tf_static", qos.LATCHED)
         now_ns = node.get_clock().now().nanoseconds
-        base = transform(self._base, now_ns, frames.world, frames.base)
-        fixed.publish(self._kind(transforms=[base]))
+        fixed.publish(TFMessage(transforms=[transform(self._base, now_ns, names.world, names.base)]))
 
-    def publish(self, tip: np.ndarray, stamp_ns: int) -> None:
-        """Publish the tip.
+    def publish(self, q: Array, stamp_ns: int) -> None:
+        """Publish where the frames are.
 
         Parameters
         ----------
-        tip : ndarray (4, 4)
-            Its pose in the world [m].
+        q : ndarray (n_q,)
+            Estimated coordinates.
         stamp_ns : int
             Time of the estimate [ns].
         """
-        if self._tip is None:
+        if self._moving is None:
             return
-        at_base = np.linalg.solve(self._base, tip)
-        moved = transform(at_base, stamp_ns, self._frames.base, self._frames.tip)
-        self._tip.publish(self._kind(transforms=[moved]))
+        moved = [
+            transform(self._at_base(q, frame), stamp_ns, self._base_name, frame.name)
+            for frame in self._frames
+        ]
+        self._moving.publish(self._kind(transforms=moved))
+
+    def _at_base(self, q: Array, frame: ArmFrame) -> Array:
+        return np.linalg.solve(self._base, self._arm.pose(q, frame.at_m)) @ frame.on_section
 
 
 def transform(pose: np.ndarray, stamp_ns: int, parent: str, child: str) -> TransformStamped:

@@ -37,10 +37,9 @@ class TwinTopics:
     def __init__(self, node: Node, robot: Robot, twin: Twin, profile: QoSProfile, lockstep: bool) -> None:
         self._chamber_names = robot.chamber_names
         self._coordinate_names = twin.plant.arm.robot.coordinate_names
-        self._frames = frames = twin.config.frames
+        self._frames = frames = twin.config.frames.within(node.get_namespace())
         self._imu_frames = {
-            place * twin.length: frames.of_imu(k) or f"imu{k}"
-            for k, place in enumerate(twin.config.imu.locations)
+            place * twin.length: frames.imu_name(k) for k, place in enumerate(twin.config.imu.locations)
         }
         self._poses, self._imus = (
             {

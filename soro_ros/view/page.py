@@ -34,10 +34,10 @@ class Plots:
     """
 
     def __init__(self, gui: viser.GuiApi, chambers: Sequence[str], most_pa: float) -> None:
-        self._chambers, self._shown_s = chambers, 0.0
+        self._chambers, self._shown_s, self._range_kpa = chambers, 0.0, (0.0, most_pa / 1e3)
         colours = [COLOURS[k % len(COLOURS)] for k in range(len(chambers))]
         lines = [Series(label=name, stroke=c, width=2) for name, c in zip(chambers, colours, strict=True)]
-        self._pressure = _plot(gui, "pressure [kPa]", lines, Scale(auto=True, range=(0.0, most_pa / 1e3)))
+        self._pressure = _plot(gui, "pressure [kPa]", lines, Scale(auto=True, range=self._range_kpa))
         error = [Series(label="distance", stroke="#c1121f", width=2)]
         self._error = _plot(gui, "tip to reference [mm]", error, Scale(auto=True))
 
@@ -49,7 +49,13 @@ class Plots:
         self._shown_s = now_s
         t = np.array([one.t_s for one in past])
         pressures = [[one.pressure.get(name, np.nan) for one in past] for name in self._chambers]
-        self._pressure.data = (t, *(np.array(values) * 1e-3 for values in pressures))
+        kpa = 1e-3 * np.array(pressures)
+        low, high = self._range_kpa
+        wider = min(low, float(np.nanmin(kpa, initial=low))), max(high, float(np.nanmax(kpa, initial=high)))
+        if wider != self._range_kpa:  # a pressure beyond the range of the robot is what one looks for
+            self._range_kpa = wider
+            self._pressure.scales = {"x": Scale(time=False), "y": Scale(auto=True, range=wider)}
+        self._pressure.data = (t, *kpa)
         self._error.data = (t, np.array([one.error_m for one in past]) * 1e3)
 
 

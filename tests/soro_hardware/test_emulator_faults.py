@@ -80,9 +80,9 @@ def test_over_the_control_socket(tmp_path):
     ):
         cycles(regulator, 100)
         client = ControlClient(tmp_path / "faults")
-        assert client.inject(STUCK) == "stuck_at of link0/chamber1 (pressure_pa 30000)"
+        assert client.inject(STUCK) == "stuck_at of link0/chamber1 (pressure 30 kPa)"
         sensor = Injection(fault="sensor_offset", chamber="link0/chamber0", value=-5e3, duration_s=100.0)
-        assert client.inject(sensor) == "sensor_offset of link0/chamber0 (offset_pa -5000)"
+        assert client.inject(sensor) == "sensor_offset of link0/chamber0 (offset -5 kPa)"
         assert client.inject("list").count(" of ") == 2
         with fails(HardwareError, "link0/chamber0", code="setting"):
             client.inject("fault: leak, chamber: link3/chamber0")

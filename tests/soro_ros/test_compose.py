@@ -212,7 +212,8 @@ class Saying(Ready):
     def silence(self, name):
         return f"{name}: no message" if name in self.silent else ""
 
-    def check(self, names):
+    def check(self, names, spares_requested):
+        self.spares_requested = spares_requested
         if found := "".join(map(self.error, names)):
             raise SoroError(found)
 
@@ -269,8 +270,10 @@ def test_an_excitation_ends_with_its_recording(start):
     run._loop = loop_nodes.excitation_loop(run.scene)
     run.start(Ready())
     run.begin(Saying())
+    saying = Saying(errors=["recorder"])
     with pytest.raises(SoroError, match="recorder"):
-        run.check_nodes(Saying(errors=["recorder"]), 1.0)
+        run.check_nodes(saying, 1.0)
+    assert not saying.spares_requested  # a vent, too, ends what it records
 
 
 def test_the_observers_of_a_run_are_those_of_the_nodes():

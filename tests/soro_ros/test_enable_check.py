@@ -128,6 +128,16 @@ def test_zero_is_commanded_while_the_check_takes_its_time(alone):
 
         wait_until(lambda: during() and stamps()[-1] > end_ns, "the next command")
         assert begin_ns not in stamps()
+        # Nor does the first command of an enabled controller answer an older one.
+        see(node, upside_down=False)
+        late_ns = node.get_clock().now().nanoseconds
+        receive(node, "chambers/state", messages.chambers(CHAMBERS, np.zeros(3), late_ns))
+        assert answer(node)[0] is True
+        receive(node, "arm/state", messages.arm_state(NAMES, *np.zeros((3, 3)), late_ns))
+        enabled_ns = node.get_clock().now().nanoseconds
+        see(node, upside_down=False)
+        wait_until(lambda: during() and stamps()[-1] > enabled_ns, "the first command of the law")
+        assert late_ns not in stamps()
         listener.destroy_node()
 
 

@@ -11,7 +11,6 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
 
 from soro_ros.conversion import messages, qos
 from soro_ros.host import middleware
@@ -44,7 +43,7 @@ def test_the_nodes_of_an_arm_live_say_so_and_go_on(stranger):
     command = [sys.executable, "-m", "soro_ros.nodes.arm", "--ros-args", "-r", "__ns:=/one", *options]
     pose, covariance = (
         stranger.create_publisher(kind, topic, qos.LOCKSTEP)
-        for kind, topic in ((PoseStamped, "sensors/pose0"), (Float64MultiArray, "arm/covariance"))
+        for kind, topic in ((PoseStamped, "sensors/pose0"), (JointState, "arm/covariance"))
     )
     now_ns, commanded_ns = -1, -1
 
@@ -71,7 +70,7 @@ def test_the_nodes_of_an_arm_live_say_so_and_go_on(stranger):
         huge = PoseStamped()
         huge.header.stamp, huge.pose.orientation.w = messages.to_time(now_ns), 1e200
         pose.publish(huge)
-        covariance.publish(Float64MultiArray(data=[1e308, 0.0]))
+        covariance.publish(JointState(position=[1e308, 0.0]))
         assert all(one.wait_for_all_acked(Duration(seconds=LIMIT_S)) for one in (pose, covariance))
         later_ns = now_ns + 1_000_000_000
         wait_until(lambda: heard(later_ns), "the loop later", every_s=0.0)

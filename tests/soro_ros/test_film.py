@@ -31,6 +31,19 @@ def test_the_drawn_tip_is_the_recorded_one(shown):
     assert shown.poses[:, -1, :3, 3] == pytest.approx(shown.recording.true_tip.at(shown.t), abs=1e-7)
 
 
+def test_a_film_goes_on_behind_control_until_the_recording_ends(soro, tmp_path, monkeypatch):
+    taken = []
+    monkeypatch.setattr(film, "still", lambda shown, file, width: taken.append(shown) or file.touch())
+    scene = tmp_path / "scene.yaml"
+    scene.write_text((BAG / "scene.yaml").read_text().replace("duration_s: 2.0", "duration_s: 1.5"))
+    (tmp_path / "bag").symlink_to(BAG)
+    assert soro("film", str(tmp_path), "--out", str(tmp_path / "film.png")).status == 0
+    assert taken[0].scene.duration_s == 1.5
+    assert taken[0].t[-1] == pytest.approx(1.9)
+    assert np.all(np.isnan(taken[0].command[-1]))
+    assert np.all(np.isfinite(taken[0].command[10]))
+
+
 def test_a_real_arm_is_drawn_as_it_was_estimated(monkeypatch, shown):
     scene = load_scene(str(BAG / "scene.yaml"))
     without = replace(shown.recording, true_state=EMPTY)

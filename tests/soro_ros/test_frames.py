@@ -1,7 +1,5 @@
 """Frames of what comes in: the configured one, or none; and names of the frames of what goes out."""
 
-import types
-
 import numpy as np
 import pytest
 import rclpy
@@ -10,8 +8,6 @@ from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 
 from soro_core.errors import ConfigError
-from soro_core.robot import load_robot
-from soro_core.rotation import matrix_from_quaternion
 from soro_core.run_keys import Frames
 from soro_lab.scene import load_scene
 from soro_ros.conversion import messages
@@ -19,7 +15,6 @@ from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.exciter import ExciterNode
 from soro_ros.nodes.shadow import ShadowNode
-from soro_ros.topics import transforms
 from soro_ros.topics.diagnostics import OK, WARN
 from soro_ros.topics.twin_topics import TwinTopics
 from tests.refused import fails
@@ -198,7 +193,7 @@ def test_the_twin_states_the_frames_that_the_estimator_expects(domain):
 
     rclpy.init()
     try:
-        node = rclpy.create_node("twin")
+        node = rclpy.create_node("twin", namespace="left")
         twin = Twin(scene.loaded_robot, scene.twin_node())
         topics = TwinTopics(node, scene.loaded_robot, twin, qos.RELIABLE, lockstep=False)
         sent = {name: captured(node, name) for name in ("sensors/pose0", "sensors/imu0", "sensors/imu1")}
@@ -210,7 +205,7 @@ def test_the_twin_states_the_frames_that_the_estimator_expects(domain):
             topics.publish_truth(state, seen.tip, 0)
             state = twin.step_pressures(state, state.air.pressure_pa)
         frames = [sent[name][0].header.frame_id for name in sent]
-        assert frames == ["optitrack", "gyro", "imu1"]
+        assert frames == ["optitrack", "gyro", "left/imu1"]
         assert truth[0].header.frame_id == "map"
         node.destroy_node()
     finally:
@@ -229,78 +224,3 @@ def test_the_twin_states_the_frames_that_the_estimator_expects(domain):
 def test_names_that_cannot_be_frames_are_refused(wrong, key):
     with fails(ConfigError, key=key):
         Frames(**wrong)
-
-
-# /tf --------------------------------------------------------------------------------------------------
-
-
-class Message:
-    """In the place of tf2_msgs/msg/TFMessage, where that is not installed."""
-
-    def __init__(self, transforms):
-        self.transforms = transforms
-
-
-class Recorder:
-    """A node that keeps what is published, by topic."""
-
-    def __init__(self):
-        self.sent = {}
-
-    def create_publisher(self, kind, topic, quality):
-        assert kind is Message
-        self.sent[topic] = found = []
-        return types.SimpleNamespace(publish=found.append)
-
-    def get_clock(self):
-        now = types.SimpleNamespace(nanoseconds=7)
-        return types.SimpleNamespace(now=lambda: now)
-
-
-def pose_of(message):
-    t, r = message.transform.translation, message.transform.rotation
-    pose = np.eye(4)
-    pose[:3, :3] = matrix_from_quaternion(np.array([r.x, r.y, r.z, r.w]))
-    pose[:3, 3] = t.x, t.y, t.z
-    return pose
-
-
-def test_base_and_tip_are_on_tf_where_its_messages_are_installed(monkeypatch):
-    monkeypatch.setitem(__import__("sys").modules, "tf2_msgs.msg", types.SimpleNamespace(TFMessage=Message))
-    turn = tuple(float(v) for v in np.array([1.0, 2.0, -1.0, 3.0]) / np.sqrt(15.0))
-    robot = load_robot("tue_three_bellow").replace(base_position=(0.1, -0.2, 0.3), base_quaternion=turn)
-    node, names = Recorder(), Frames(world="map", base="left/base", tip="left/tip")
-    it = transforms.ArmTransforms(node, robot, names, True)
-    (fixed,) = node.sent["/tf_static"][0].transforms
-    assert (fixed.header.frame_id, fixed.child_frame_id) == ("map", "left/base")
-    from soro_core.model.soft_arm import SoftArm
-
-    arm, q = SoftArm(robot), np.array([0.05, 8.0, -4.0])
-    np.testing.assert_allclose(pose_of(fixed), arm.pose(q, 0.0), atol=1e-12)
-    tip = arm.pose(q, arm.length)
-    it.publish(tip, 5_000_000_001)
-    (moved,) = node.sent["/tf"][0].transforms
-    assert (moved.header.frame_id, moved.child_frame_id) == ("left/base", "left/tip")
-    assert messages.to_ns(moved.header.stamp) == 5_000_000_001
-    np.testing.assert_allclose(pose_of(fixed) @ pose_of(moved), tip, atol=1e-12)
-    none = Recorder()
-    transforms.ArmTransforms(none, robot, names, False).publish(tip, 0)
-    assert not none.sent
-
-
-def test_without_tf2_msgs_the_estimator_starts_and_says_so(domain, monkeypatch, capfd):
-    monkeypatch.setitem(__import__("sys").modules, "tf2_msgs.msg", None)
-    with active(EstimatorNode) as node:
-        ticks(node, 1, "world", 3)
-        assert not [one for one in node.publishers if one.topic_name.startswith("/tf")]
-    assert "no /tf: the package tf2_msgs is not installed" in capfd.readouterr().err
-
-
-def test_the_real_tf2_messages_take_the_transforms(domain):
-    pytest.importorskip("tf2_msgs.msg", reason="tf2_msgs is not among the wheels of ROS")
-    with active(EstimatorNode) as node:
-        sent = captured(node, "/tf")
-        ticks(node, 1, "world")
-        fire(node, 0.05)
-        (tip,) = sent[0].transforms
-        assert (tip.header.frame_id, tip.child_frame_id) == ("base", "tip")

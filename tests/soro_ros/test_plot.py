@@ -23,8 +23,8 @@ from soro_ros.conversion import messages
 from soro_ros.pictures import panels
 from soro_ros.pictures.picture import picture
 from soro_ros.pictures.run_view import open_run
-from soro_ros.recordings.events import Said, clock, events_of
-from soro_ros.recordings.recording import TopicSeries
+from soro_ros.recordings.events import Event, Said, clock, events_of, under_control
+from soro_ros.recordings.recording import RunRecording, TopicSeries
 from soro_ros.recordings.selection import fields_of
 from soro_ros.run.end import End
 
@@ -157,6 +157,8 @@ def test_no_line_is_drawn_over_a_gap():
         ([(1, 0, "active"), (2, 2, "vented: x"), (3, 0, "active")], ["trip", "over"]),
         ([(1, 1, "late 5 ms"), (2, 1, "late 7 ms"), (3, 0, "active")], ["warning"]),
         ([(1, 2, "vented: x"), (2, 2, "vented: y")], ["trip", "trip"]),
+        ([(1, 2, "vented: vent requested"), (2, 0, "active")], ["vent", "over"]),
+        ([(1, 2, "vented: vent requested; link0/chamber0 still at 40.0 kPa")], ["trip"]),
         ([(1, 0, "starting"), (2, 0, "active")], []),
     ],
 )
@@ -179,6 +181,46 @@ def test_a_latch_and_its_opening_are_events(tmp_path):
         ("trip", "latch", "vented: x"),
         ("over", "latch", "open"),
     ]
+
+
+def test_a_latch_is_drawn_in_steps_to_the_end_and_pressure_in_kpa(tmp_path, monkeypatch):
+    at = log_of("chambers/state", 300)
+    status = DiagnosticStatus(level=DiagnosticStatus.ERROR, message="vented: x")
+    status.values = [KeyValue(key="latched", value="true"), KeyValue(key="cause", value="x")]
+    bag = copied(
+        tmp_path / "bag",
+        ["chambers/state", "arm/desired/tip"],
+        extra=[(at, LATCH.name, bytes(serialize_message(status)))],
+    )
+    reading, figures = open_run(bag).view.recording.reading, []
+    monkeypatch.setattr(pyplot, "close", figures.append)
+    result = soro("plot", bag, "-t", "*/chambers/*", "--out", tmp_path / "all.png")
+    monkeypatch.undo()
+    assert result.exit_code == 0, result.output
+    latch, pressure = sorted(figures[0].axes, key=lambda axis: len(axis.lines[0].get_xdata()))
+    level, latched = latch.lines[:2]
+    assert [line.get_label() for line in latch.lines[:2]] == ["level", "latched"]
+    assert (level.get_drawstyle(), list(latched.get_ydata())) == ("steps-post", [1.0, 1.0])
+    assert latched.get_xdata() == pytest.approx([reading.t[300], reading.t[-1]], abs=0.02)
+    assert pressure.get_ylabel() == "[kPa]"
+    assert pressure.lines[0].get_ydata() == pytest.approx(reading.value[:, 0] / 1e3)
+    pyplot.close(figures[0])
+
+
+def test_what_the_law_says_behind_a_trip_and_warnings_that_follow_are_not_shown():
+    t = np.arange(0.0, 2.0, 0.01)
+    series = TopicSeries(t, np.ones((t.size, 3)), ("a", "b", "c"))
+    events = (
+        Event(0.5, "warning", "estimator", "late"),
+        Event(1.0, "trip", "latch", "vented: x"),
+        Event(1.5, "warning", "estimator", "late"),
+    )
+    recording = RunRecording(series, series, series, series, series, series, {}, (), events=events)
+    view = panels.View(recording, None, 0.0, 2.0, "true")
+    assert view.controlled(series).t[-1] == pytest.approx(1.0)
+    assert view.error[0][-1] == pytest.approx(1.0)
+    assert under_control(events, 2.0) == events[:2]
+    assert under_control(events[:1], 0.4) == ()
 
 
 def test_the_same_words_of_latch_and_diagnostics_are_one_event():

@@ -192,13 +192,16 @@ def test_of_a_real_arm_the_report_has_the_measured_tip_and_its_distance_from_the
 
 def test_the_legend_of_the_estimates_gives_units():
     t = np.linspace(0.0, 1.0, 5)
-    values = np.stack([0.02 * t, 0.5 + t], axis=1)
-    drawn = replace(
-        recorded(t, EMPTY, EMPTY), estimates=TopicSeries(t, values, ("tip_mass", "link0/bend_x/damping"))
-    )
+    values = np.stack([0.02 * t, 0.5 + t, -0.1 * t, 0.25 * t], axis=1)
+    force = ("link0/bend_x/offset", "link0/bend_x/by link0/bend_x")
+    estimates = TopicSeries(t, values, ("tip_mass", "link0/bend_x/damping", *force))
+    drawn = replace(recorded(t, EMPTY, EMPTY), estimates=estimates)
     axis = Figure().subplots()
-    panels.draw_estimates(axis, drawn)
+    panels.draw_estimates(axis, panels.View(drawn, None, 0.0, 1.0, "true"))
     assert axis.get_legend_handles_labels()[1] == [
-        "tip_mass / 0.02 kg (largest), end 0.02 kg",
-        "link0/bend_x/damping / 0.5 (start), end 1.5",
+        "learned force, its 2 numbers; 1: the largest, 0.25",
+        "tip_mass: 20 g at the end; 1: its largest value, 20 g",
+        "link0/bend_x/damping: 1.5 at the end; 1: its start, 0.5",
     ]
+    learned = [line.get_ydata() for line in axis.lines if line.get_color() == "0.6"]
+    assert np.array(learned) == pytest.approx(np.stack([-0.4 * t, t]))

@@ -55,16 +55,17 @@ class Tracker:
 
     def seen(self, section: Array, s: float) -> Array:
         """Return the pose (4, 4) that the tracker shows of the body on the cross-section (4, 4) at s [m]."""
-        return np.asarray(self.frame @ section @ self._body(s))
+        return np.asarray(self.frame @ section @ self.body(s))
 
     def section(self, sample: PoseSample) -> PoseSample:
         """Return the sample as a pose of the cross-section in the robot's world."""
         shown = np.eye(4)
         shown[:3, :3], shown[:3, 3] = matrix_from_quaternion(sample.quaternion), sample.position
-        pose = _inverse(self.frame) @ shown @ _inverse(self._body(sample.s))
+        pose = _inverse(self.frame) @ shown @ _inverse(self.body(sample.s))
         return replace(sample, position=pose[:3, 3].copy(), quaternion=quaternion_from_matrix(pose[:3, :3]))
 
-    def _body(self, s: float) -> Array:
+    def body(self, s: float) -> Array:
+        """Return the pose (4, 4) of the body on the cross-section at s [m]; the section's own without one."""
         near = [pose for place, pose in self.bodies if abs(place - s) <= self.same_m]
         return near[0] if near else np.eye(4)
 

@@ -15,6 +15,7 @@ from soro_core.model.derivative.work import BY_A, BY_Q, BY_V, DerivativeWork
 from soro_core.model.dynamics import GOOD, NOT_FINITE, SINGULAR
 from soro_core.model.forces.chambers import acting_rate, add_gradient, add_pressure_stiffness
 from soro_core.model.forces.elasticity import add_stiffness
+from soro_core.model.forces.tendons import add_tendon_gradients
 from soro_core.model.links.articulated import cholesky
 from soro_core.model.links.linear import clear, clear_matrix
 from soro_core.model.records import Motion
@@ -47,6 +48,7 @@ def equation_derivatives(
                 add_gradient(t, i, u, q, acting_rate(t, u, pressure[u]), d.gradient)
         for b in range(q.shape[0]):
             d.actuation[b, u] = d.gradient[b]
+    add_tendon_gradients(t.tendons, t, q, d.actuation.T)
 
 
 @inner

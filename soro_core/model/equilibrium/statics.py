@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array
 from soro_core.errors import ModelError
-from soro_core.model.checks import finite, listed, require, shaped
+from soro_core.model.checks import finite, listed, refuse_push, require, shaped
 from soro_core.model.equilibrium.continuation import follow
 from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.settle import settle
@@ -50,7 +50,7 @@ def equilibrium(
     ----------
     arm : SoftArm
     pressure : array_like of shape (n_u,)
-        [Pa gauge].
+        Of the chambers [Pa gauge], then tensions of the tendons [N].
     start : array_like of shape (n_q,), optional
         Where the search starts, and which equilibrium it finds; default straight.
     added_tip_mass : float
@@ -69,6 +69,7 @@ def equilibrium(
     require(arm, SoftArm, "arm", "a SoftArm")
     name = arm.robot.name
     p = finite(shaped(pressure, (arm.n_u,), "pressure", name), "pressure")
+    refuse_push(arm.robot, p, "pressure")
     forces = RestForces(arm, p, added_tip_mass)
     if start is not None:
         q, failure = _near(forces, finite(shaped(start, (arm.n_q,), "start", name), "start"))

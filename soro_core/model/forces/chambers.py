@@ -1,4 +1,7 @@
-"""Chambers: the generalised force of their pressures, H(q) p, docs/model.md (23) to (26).
+"""Inputs of an arm: the generalised force H(q) p of pressures in chambers, docs/model.md (23) to (26).
+
+Behind the chambers come the tendons (`tendons`): p is then (pressures, tensions), and the volume of a tendon
+is how much shorter it is, so that dV/dq = H and p dV is the work of every input.
 
 A chamber that runs along link i has there the fibre strain delta = eps - r_b (kx cos phi + ky sin phi), and
 its area is A exp(area_slope delta) [fitted on measured bellows, whose area changes with their extension],
@@ -20,6 +23,12 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
+from soro_core.model.forces.tendons import (
+    add_shortening,
+    add_tendon_force,
+    add_tendon_gradients,
+    add_tendon_stiffness,
+)
 from soro_core.model.links.linear import clear_matrix
 from soro_core.model.tables import Tables
 
@@ -92,12 +101,13 @@ def add_gradient(t: Tables, i: int, u: int, q: Array, factor: float, force: Arra
 
 @inner
 def actuation(t: Tables, q: Array, gradients: Array) -> None:
-    """gradients <- H', generalised force per pressure, a row each chamber (n_u, n_q)."""
+    """gradients <- H', generalised force per pressure or tension, a row each input (n_u, n_q)."""
     clear_matrix(gradients)
     for i in range(t.length.shape[0]):
         for u in range(gradients.shape[0]):
             if t.chamber_samples[i, u] > 0:
                 add_gradient(t, i, u, q, 1.0, gradients[u])
+    add_tendon_gradients(t.tendons, t, q, gradients)
 
 
 @inner
@@ -109,6 +119,7 @@ def volumes(t: Tables, q: Array, volume: Array) -> None:
             for k in range(t.chamber_samples[i, u]):
                 plain = _displaced(t, i, u, k, q)
                 volume[u] += _swept(t.area_rate[k, i, u], t.area_saturation[i, u], plain)
+    add_shortening(t.tendons, t, q, volume)
 
 
 @inner
@@ -119,6 +130,7 @@ def add_pressure_force(t: Tables, q: Array, pressure: Array, force: Array) -> No
             # In a long arm most chambers run along few links, and a call costs more than this test.
             if t.chamber_samples[i, u] > 0:
                 add_gradient(t, i, u, q, acting(t, u, pressure[u]), force)
+    add_tendon_force(t.tendons, t, q, pressure, force)
 
 
 @inner
@@ -135,3 +147,4 @@ def add_pressure_stiffness(t: Tables, q: Array, pressure: Array, factor: float, 
                 for c in range(t.offset[i], t.offset[i + 1]):
                     for d in range(t.offset[i], t.offset[i + 1]):
                         K[c, d - t.offset[i]] -= scaled * t.actuation[k, c, u] * t.actuation[k, d, u]
+    add_tendon_stiffness(t.tendons, t, q, pressure, factor, K)

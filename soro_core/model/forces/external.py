@@ -18,6 +18,7 @@ from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.links.link_kinematics import along_constant, begin_varying, step_varying, whole_step
 from soro_core.model.links.point import add_point_force, move_point, point_momentum
+from soro_core.model.links.sweep import ride
 from soro_core.model.records import CrossSection, Motion, SubInterval, TangentFactors
 from soro_core.model.tables import CONTACT, HELD, External, NoExternal, Tables
 from soro_core.model.work import (
@@ -53,6 +54,7 @@ def _visit(t: Tables, w: Work, wrench: Array, motion: Motion, factors: TangentFa
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
     clear(V)
+    ride(t.base, V, V, w.site_vectors[SITE_TWIST])  # the last is scratch
     for i in range(t.length.shape[0]):
         first = t.offset[i]
         m = t.offset[i + 1] - first

@@ -6,6 +6,7 @@ that nothing of the links before has to be carried to its nodes; the chain is cl
 
 from __future__ import annotations
 
+from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.model.links.lie import (
@@ -30,7 +31,7 @@ from soro_core.model.links.link import (
 )
 from soro_core.model.links.magnus import magnus_step
 from soro_core.model.records import Asked, CrossSection, Masses, Motion, SubInterval
-from soro_core.model.tables import Tables
+from soro_core.model.tables import BaseMotion, FixedBase, Tables
 from soro_core.model.work import (
     BASE_ACCELERATION,
     BASE_REFERENCE,
@@ -55,6 +56,22 @@ FREE, DRIVEN, REFERENCE = 1.0, 2.0, 3.0
 
 
 @inner
+def _stay(e: BaseMotion, V: Array, W: Array, A: Array) -> None:
+    return
+
+
+@inner
+def _ride(e: BaseMotion, V: Array, W: Array, A: Array) -> None:
+    for r in range(6):
+        V[r] = W[r] = e.twist[r]
+        A[r] += e.rate[r]
+
+
+ride = select_by_type(FixedBase, _stay, _ride)
+"""ride(t.base, V, W, A): V, W <- twist of a base that moves, A += its rate."""
+
+
+@inner
 def start(t: Tables, gravity: Array, V: Array, W: Array, A: Array) -> None:
     """Twists and acceleration of the base; gravity is an acceleration of it."""
     for r in range(3):
@@ -64,6 +81,7 @@ def start(t: Tables, gravity: Array, V: Array, W: Array, A: Array) -> None:
             + t.base_rotation[1, r] * gravity[1]
             + t.base_rotation[2, r] * gravity[2]
         )
+    ride(t.base, V, W, A)
 
 
 @inner

@@ -168,7 +168,11 @@ class Injection(Strict):
     def __str__(self) -> str:
         of = f" of {self.chamber}" if self.chamber else ""
         key = KINDS[self.fault].key if self.fault in KINDS else ""
-        return f"{self.fault}{of}{f' ({key} {self.parameter:g})' if key else ''}"
+        if not key:
+            return f"{self.fault}{of}"
+        if key.endswith("_pa"):
+            return f"{self.fault}{of} ({key.removesuffix('_pa')} {1e-3 * self.parameter:g} kPa)"
+        return f"{self.fault}{of} ({key} {self.parameter:g})"
 
     def as_text(self) -> str:
         """Return the fault as text for `read_injection`."""

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from soro_core import SoftArm
 from soro_core.config import with_changes
 from soro_core.control.probing.dead_time import judge_dead_time
 from soro_core.control.probing.plan import ProbedArm, plan_probe
@@ -216,6 +217,17 @@ def shifted(shift_s, name="hanging_arm", true=None, payload_kg=0.01, **changes):
     raise AssertionError("the probe has no end")
 
 
+def soft_silicone(robot):
+    """A robot that creeps by a quarter of its bending stiffness in 1.5 s, with friction of as much again."""
+    part = 0.25 * float(SoftArm(robot).stiffness_matrix(np.zeros(3))[1, 1])
+    return robot.with_(
+        {
+            "links[0].creep": [{"tau": [1.5], "stiffness": [0.0, part, part]}],
+            "links[0].hysteresis": [{"stiffness": [0.0, part, part], "range": [1.0, 1.0, 1.0]}],
+        }
+    )
+
+
 @pytest.mark.parametrize(
     ("shift_s", "changes"),
     [
@@ -224,6 +236,7 @@ def shifted(shift_s, name="hanging_arm", true=None, payload_kg=0.01, **changes):
         (-0.02, {"damping": 2.0}),
         (0.04, {"name": "track_circle", "payload_kg": 0.0}),
         (0.06, {"pose_every": 8}),
+        (0.02, {"true": soft_silicone}),
     ],
 )
 def test_poses_that_are_stamped_late_or_early_are_named(shift_s, changes):
@@ -238,6 +251,7 @@ def test_poses_that_are_stamped_late_or_early_are_named(shift_s, changes):
 @pytest.mark.parametrize(
     "changes",
     [
+        {"true": soft_silicone},
         {"stiffness": 0.7},
         {"stiffness": 1.3},
         {"damping": 2.0},

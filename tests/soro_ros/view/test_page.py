@@ -61,6 +61,17 @@ def test_a_moment_that_is_like_the_last_sends_nothing_and_a_moved_arm_its_vertic
 
 
 @pytest.mark.process
+def test_a_pressure_beyond_the_range_of_the_robot_is_within_the_plot(server):
+    page = ViewerPage(server, ROBOT)
+    name, most_kpa = ROBOT.chamber_names[0], ROBOT.pressure_range_pa[1] / 1e3
+    for kpa in (20.0, 120.0, -7.0, 20.0):
+        page.show([Moment(1.0, pressure={name: 1e3 * kpa})], at_once=True)
+        if kpa == 20.0 and page.plots._range_kpa[0] == 0.0:
+            assert page.plots._pressure.scales["y"]["range"] == (0.0, most_kpa)
+    assert page.plots._pressure.scales["y"]["range"] == (-7.0, 120.0)
+
+
+@pytest.mark.process
 def test_without_an_estimate_no_arm_is_drawn_and_the_page_says_so(server):
     page = ViewerPage(server, ROBOT)
     page.show([Moment(1.0, straight())])

@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import typer
 
 pytest.importorskip("viser", reason="the extra `view` is not installed")
 
@@ -62,11 +61,10 @@ def test_a_recording_without_a_scene_needs_a_robot(tmp_path):
         view(tmp_path / "bag", robot="", namespace="", port=18480, rate=20.0, trail=10.0)
 
 
-def test_what_is_no_bag_says_so_and_not_that_a_robot_is_missing(tmp_path, capsys):
-    with pytest.raises(typer.Exit) as ended:
-        view(tmp_path, robot="", namespace="", port=18480, rate=20.0, trail=10.0)
-    assert ended.value.exit_code == 2
-    assert "no .mcap or .db3 file" in capsys.readouterr().err
+def test_what_is_no_bag_says_so_and_not_that_a_robot_is_missing(tmp_path, soro):
+    ended = soro("view", str(tmp_path))
+    assert ended.status == 2
+    assert "no .mcap or .db3 file" in ended.err
 
 
 @pytest.mark.process

@@ -21,7 +21,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 from soro_core.errors import ConfigError
-from soro_core.robot import Link, Robot
+from soro_core.robot import Link, Robot, refuse_tendons
 from soro_lab.identification.arm.cases.parameters import numbers_of
 
 DENSITY = 1.2, 22_600.0  # kg/m^3
@@ -84,6 +84,7 @@ def check_described(robot: Robot, where: str) -> None:
     ConfigError
         That names the link.
     """
+    refuse_tendons(robot, where)
     low, high = DENSITY
     for index, link in enumerate(robot.links):
         area, _ = _outside(link)

@@ -20,6 +20,7 @@ from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.sources.from_csv import pressure_limits
 from soro_lab.identification.recording.stale import StaleLimits
 from soro_lab.identification.recording.streams import Imu, Plate, Series, Stream
+from soro_lab.run_folder import bag_of
 
 if TYPE_CHECKING:
     from soro_lab.bag import Topic
@@ -67,8 +68,7 @@ def read_bag(
     from soro_lab.bag import BagReader  # its packages are those of the extra `ros`
     from soro_lab.bag.decode import Decoder
 
-    folder = Path(path)
-    folder = folder / "bag" if (folder / "bag").is_dir() else folder
+    folder = bag_of(Path(path))
     where = str(folder)
     with BagReader(folder) as reader:
         reader.check_encodings()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import random_arms
+from benchmarks import law_packages, random_arms
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core import load_robot
@@ -122,6 +122,7 @@ def run(options: Options) -> str:
             f"seeds {', '.join(map(str, seeds))}; lost: the plant has no next step.",
             table(head, rows),
             random_arms.run(robot, options),
+            law_packages.run(robot, options, CASES, setup_of),
         ]
     )
 

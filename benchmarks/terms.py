@@ -26,6 +26,15 @@ CREEP = [{"tau": 0.05, "stiffness": [100.0, 1e-3, 1e-3]}]
 HYSTERESIS = [{"stiffness": [100.0, 1e-3, 1e-3], "range": [0.05, 1.0, 1.0]}]
 SIX = ("elongation", "bending_x", "bending_y", "torsion", "shear_x", "shear_y")
 
+LINEAR = {name: {"basis": "legendre", "order": 1} for name in SIX[:3]}
+
+
+def by_place(key: str, *values: float) -> list[dict[str, float]]:
+    """Sections at equal distances along a link."""
+    step = LINK["length"] / (len(values) - 1)
+    return [{"place": k * step, key: value} for k, value in enumerate(values)]
+
+
 # Random states bend the four links of 0.2 m about the world's z: a wall in reach, and one out of reach.
 WALL = {"point": [0.0, 0.0, 0.1], "normal": [0.0, 0.0, -1.0], "stiffness": 50.0}
 LOSSES = {"damping": 1.0, "friction": 0.5}
@@ -76,6 +85,31 @@ INGREDIENTS: dict[str, Ingredient] = {
     ),
     "a base that shakes": ({}, {}, {}, 0.0),
     "all six strains": ({"strains": {name: {} for name in SIX}}, {}, {}, 0.0),
+    "radius by place, at the ends": (
+        {"radius": None, "sections": by_place("radius", 0.015, 0.008)},
+        {},
+        {},
+        0.0,
+    ),
+    "radius by place, at five": (
+        {"radius": None, "sections": by_place("radius", 0.015, 0.014, 0.012, 0.01, 0.008)},
+        {},
+        {},
+        0.0,
+    ),
+    "rest curvature and torsion": (
+        {"rest_curvature_per_m": [5.0, 2.0], "rest_torsion_per_m": 10.0},
+        {},
+        {},
+        0.0,
+    ),
+    "linear strains": ({"strains": LINEAR}, {}, {}, 0.0),
+    "linear strains, rest torsion by place": (
+        {"strains": LINEAR, "sections": by_place("rest_torsion_per_m", 0.0, 10.0)},
+        {},
+        {},
+        0.0,
+    ),
     "method mde, 20 steps a link": ({}, {}, {"method": "mde"}, 0.0),
 }
 TOGETHER: Ingredient = (

@@ -27,6 +27,7 @@ include_patterns = [
     "bags/*.md",
     "benchmarks/*.md",
     "config/**.md",
+    "examples/**.md",
     "examples/*.ipynb",
     "tests/apparatus/*.md",
 ]

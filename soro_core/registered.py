@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import traceback
 from collections.abc import Callable, Iterable
 from importlib.metadata import entry_points
+from pathlib import Path
 from typing import Any
 
 from soro_core.errors import nearest
@@ -40,9 +42,25 @@ def load(group: str, shipped: Iterable[str], name: str, is_one: Callable[[Any], 
     others, value = ", ".join(other for other in names if other != name), found[0].value
     try:
         loaded = found[0].load()
-    except Exception as error:  # whatever another package does when it is imported
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise ValueError(f"{others}; {value} does not load ({reason})") from None
+    except (Exception, SystemExit) as error:  # whatever another package does when it is imported
+        raise ValueError(f"{others}; {value} does not load ({told(error, value)})") from None
     if not is_one(loaded):
         raise ValueError(f"{others}; {value} is no {one}")
     return loaded
+
+
+def told(error: BaseException, of: str) -> str:
+    """Return an error in one line, with the last line of code from outside on the way to it.
+
+    Parameters
+    ----------
+    error : BaseException
+    of : str
+        That code: a file, or a module, all of whose package counts.
+    """
+    package, place = of.partition(":")[0].partition(".")[0], ""
+    for frame, line in traceback.walk_tb(error.__traceback__):
+        file, module = frame.f_code.co_filename, str(frame.f_globals.get("__name__", ""))
+        if file == of or module.partition(".")[0] == package:
+            place = f" ({Path(file).name}, line {line})"
+    return " ".join(f"{type(error).__name__}: {error}".split()) + place

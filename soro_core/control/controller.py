@@ -226,9 +226,10 @@ class Controller(GivenReferences):
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
-        point, future = (reference_ahead(self.bounds, following, time_s) for time_s in (0.0, preview_s))
+        later = partial(reference_ahead, self.bounds, following)
+        point, future = later(0.0), later(preview_s)
         try:
-            shape, ahead = state.shape, Preview(point, future, preview_s)
+            shape, ahead = state.shape, Preview(point, future, preview_s, later=later)
             # A law that learns from the tracking error needs that of all coordinates.
             if self.underactuated.exist and self.law.learns:
                 shape, ahead = self._with_underactuated(state, ahead)
@@ -321,8 +322,13 @@ class Controller(GivenReferences):
         shape, ahead, motions = self.underactuated.step(state.shape, future, force, actuation)
         # The shape changes little until a set point acts.
         q, qd, qdd = ahead.q - future.q, ahead.qd - future.qd, ahead.qdd - future.qdd
-        shaped = Point(now.q + q, now.qd + qd, now.qdd + qdd)
-        return shape, Preview(shaped, ahead, given.ahead_s, motions)
+
+        def shaped(point: Point) -> Point:
+            return Point(point.q + q, point.qd + qd, point.qdd + qdd)
+
+        return shape, Preview(
+            shaped(now), ahead, given.ahead_s, motions, lambda time_s: shaped(given.at(time_s))
+        )
 
     def _judged(
         self, state: ControllerState, q: Array, wanted: Array, missing: Array, event: str, dt: float

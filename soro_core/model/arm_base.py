@@ -22,7 +22,7 @@ def default_nodes(robot: Robot) -> int:
     (docs/model.md). Where strain varies, a node is also a Magnus step, of fourth order.
     """
     most = max(field.size for link in robot.links for field in link.strains.values())
-    return 8 + 2 * most if robot.varies else 7
+    return 8 + 2 * most if any(link.varies or link.varies_at_rest for link in robot.links) else 7
 
 
 class ArmBase:

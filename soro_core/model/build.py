@@ -11,7 +11,17 @@ from soro_core.model.build_external import external_table, find, places_of, with
 from soro_core.model.forces.routing import no_tendons, tendon_points
 from soro_core.model.tables import CREEP, DAHL, DEFORMED, GEOMETRIC, FixedBase, MdeTables, Site, Tables
 from soro_core.robot import Link, Robot, link_damping, link_stiffness, shear_factors
-from soro_core.robot.basis import shape_means, shape_values, strain_rows
+from soro_core.robot.basis import (
+    knots,
+    mass_profile,
+    on_pieces,
+    radius_profile,
+    rest_strain,
+    shape_means,
+    shape_values,
+    stiffness_profile,
+    strain_rows,
+)
 from soro_core.robot.link import LEAST_ELONGATION
 from soro_core.rotation import matrix_from_quaternion
 
@@ -30,6 +40,8 @@ MAGNUS = np.array([0.5 - np.sqrt(3.0) / 6.0, 0.5 + np.sqrt(3.0) / 6.0])
 RALSTON = np.array([0.0, 2.0 / 3.0])
 # Their number of digits doubles with each: five give all of them for up to 100 nodes.
 _NEWTON_STEPS = 8
+# Nodes of each piece between two sections of a link.
+_FEWEST = 3
 
 
 def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
@@ -50,34 +62,39 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
     for row, name in enumerate(name for link in links for name in strain_rows(link)):
         component, sign = _COLUMN[name]
         basis[row, component] = sign
-    places, weights, point_mass = with_masses(robot, *radau(nodes))
+    places, weights, point_mass = with_masses(robot, *_quadrature(robot, nodes))
     fraction, points = _sub_intervals(method, places, steps)
     kinds, coordinates, stiffnesses, scales = _internal(robot, offset)
     samples, actuation, area_rate, saturation, axial_gain = _chambers(robot, offset, places, weights)
+    law_share, axial_share = _law_shares(robot, places, weights)
     kind = MdeTables if method == "mde" else Tables
     tables = kind(
         steps=steps,
         offset=offset,
         basis=basis,
-        varying=np.array([link.varies for link in links]),
+        varying=np.array([link.varies or link.varies_at_rest for link in links]),
         fraction=fraction,
         shape=np.ascontiguousarray(
             _shapes(robot, points.ravel()).reshape(robot.n_q, *points.shape).transpose(1, 0, 2)
         ),
         shape_node=_shapes(robot, places),
-        reference=np.tile([0.0, 0.0, 0.0, 0.0, 0.0, 1.0], (len(links), 1)),
+        reference=_at_rest(robot, points),
         length=np.array([link.length for link in links], dtype=np.float64),
-        radius=np.array([link.radius for link in links], dtype=np.float64),
+        gyration=np.array([0.25 * radius_profile(link, places) ** 2 for link in links]),
         mass=np.array([link.mass for link in links], dtype=np.float64),
+        mass_share=np.array(
+            [weights * mass_profile(link, places) if link.sections else weights for link in links]
+        ),
         tip_mass=np.array([robot.tip_mass], dtype=np.float64),
         point_mass=point_mass,
         gravity=np.array(robot.gravity, dtype=np.float64),
         base_rotation=matrix_from_quaternion(np.array(robot.base_quaternion)),
         base_position=np.array(robot.base_position, dtype=np.float64),
         nodes=places,
-        weights=weights,
         columns=np.array([_columns(link, first) for link, first in zip(links, offset, strict=False)]),
         law=np.array([_law(link) for link in links], dtype=np.float64),
+        law_share=law_share,
+        axial_share=axial_share,
         least=np.array([link.least_elongation or LEAST_ELONGATION for link in links]),
         wall=np.array([(link.length * (link.least_elongation or math.inf)) ** -2 for link in links]),
         bend_angle=DEFORMED if robot.bend_angle == "deformed" else GEOMETRIC,
@@ -106,8 +123,20 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
     for link, place, what in places_of(robot):
         site = build_site(robot, tables, link, place)
         at_end = place == robot.links[link].length
-        sites.append((link, place, what, len(fraction) if at_end else site.whole, site.step, site.shape))
+        sites.append((what, site._replace(whole=len(fraction)) if at_end else site))
     return tables._replace(external=external_table(robot, sites, robot.n_q))
+
+
+def _quadrature(robot: Robot, nodes: int) -> tuple[Array, Array]:
+    """Nodes and weights on (0, 1): where sections lie inside links, a rule on each piece between them."""
+    ends = np.concatenate([knots(link) for link in robot.links])
+    ends = np.unique(np.round(ends, 9))
+    pieces = len(ends) - 1
+    if pieces == 1:
+        return radau(nodes)
+    places, weights = on_pieces(ends, *radau(max(_FEWEST, math.ceil(nodes / pieces))))
+    places[-1] = 1.0
+    return places, weights
 
 
 def radau(n: int) -> tuple[Array, Array]:
@@ -163,8 +192,9 @@ def build_site(robot: Robot, t: Tables, link: int, place: float) -> Site:
     shape = np.zeros((robot.n_q, 2))
     points = RALSTON if isinstance(t, MdeTables) else MAGNUS
     rows = slice(t.offset[link], t.offset[link + 1])
-    shape[rows] = shape_values(robot.links[link], np.clip(ends[whole] + step * points, 0.0, length))
-    return Site(link, float(place), whole, float(step), shape)
+    at = np.clip(ends[whole] + step * points, 0.0, length)
+    shape[rows] = shape_values(robot.links[link], at)
+    return Site(link, float(place), whole, float(step), shape, rest_strain(robot.links[link], at / length))
 
 
 def _chambers(
@@ -247,6 +277,27 @@ def _law(link: Link) -> list[float]:
     if link.k_e is None or link.k_b is None:
         return [0.0] * 6
     return [*link.k_e, *link.k_b]
+
+
+def _law_shares(robot: Robot, places: Array, weights: Array) -> tuple[Array, Array]:
+    """`Tables.law_share`, `Tables.axial_share`: each has the mean 1 along a link."""
+    bending, axial = np.ones((2, len(robot.links), len(places)))
+    for i, link in enumerate(robot.links):
+        if link.varies or link.varies_at_rest:
+            bending[i] = weights
+            if link.sections:
+                stiffer, axially = (
+                    stiffness_profile(link, name, places) for name in ("bending_x", "elongation")
+                )
+                bending[i] *= stiffer / (weights @ stiffer)
+                axial[i] = axially / stiffer * (weights @ stiffer) / (weights @ axially)
+    return bending, axial
+
+
+def _at_rest(robot: Robot, points: Array) -> Array:
+    """`Tables.reference` of the points (n_sub, 2) on (0, 1)."""
+    at = [rest_strain(link, points.ravel()).reshape(*points.shape, 6) for link in robot.links]
+    return np.ascontiguousarray(np.stack(at, axis=1))
 
 
 def _internal(robot: Robot, offset: Integers) -> tuple[list[int], list[int], list[float], list[float]]:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.model.tables import CONTACT, HELD, External, NoExternal
+from soro_core.model.tables import CONTACT, HELD, External, NoExternal, Site
 from soro_core.robot import Robot
+from soro_core.robot.basis import radius_profile
 
 # Places nearer than this, of a link's length, are one: round-off of added lengths.
 SAME = 1e-9
@@ -70,29 +71,32 @@ def places_of(robot: Robot) -> list[tuple[int, float, int]]:
     return sorted(found, key=lambda one: one[:2])
 
 
-def external_table(
-    robot: Robot, sites: list[tuple[int, float, int, int, float, Array]], n_q: int
-) -> External:
+def external_table(robot: Robot, sites: list[tuple[int, Site]], n_q: int) -> External:
     """Table of the places where something acts from outside, and of what acts there.
 
     Parameters
     ----------
     robot : Robot
-    sites : list of tuple
-        Outward along the arm: link, metres from its base, kind, whole sub-intervals before the place, metres
-        beyond them, shape functions (n_q, 2) on these.
+    sites : list of tuple of int, Site
+        Kind and place of each, outward along the arm.
     n_q : int
         Number of coordinates.
     """
-    link = np.array([site[0] for site in sites], dtype=np.int64)
+    places, n = [site for _, site in sites], len(sites)
+    links = [robot.links[site.link] for site in places]
+    at = [np.array([site.place / link.length]) for site, link in zip(places, links, strict=True)]
+    radius = [radius_profile(link, x)[0] for link, x in zip(links, at, strict=True)]
+    link = np.array([site.link for site in places], dtype=np.int64)
     kind = External if sites else NoExternal
     return kind(
         first=np.searchsorted(link, np.arange(len(robot.links) + 1)).astype(np.int64),
-        place=np.array([site[1] for site in sites], dtype=np.float64),
-        kind=np.array([site[2] for site in sites], dtype=np.int64),
-        whole=np.array([site[3] for site in sites], dtype=np.int64),
-        step=np.array([site[4] for site in sites], dtype=np.float64),
-        shape=np.array([site[5] for site in sites], dtype=np.float64).reshape(len(sites), n_q, 2),
+        place=np.array([site.place for site in places], dtype=np.float64),
+        kind=np.array([kind for kind, _ in sites], dtype=np.int64),
+        whole=np.array([site.whole for site in places], dtype=np.int64),
+        step=np.array([site.step for site in places], dtype=np.float64),
+        shape=np.array([site.shape for site in places], dtype=np.float64).reshape(n, n_q, 2),
+        rest=np.array([site.rest for site in places], dtype=np.float64).reshape(n, 2, 6),
+        radius=np.array(radius, dtype=np.float64),
         obstacles=_obstacles(robot),
         held=_held(robot),
     )

@@ -199,6 +199,10 @@ def refuse_unsupported(robot: Robot, method: object, nodes: object, steps: objec
             raise ModelError(
                 f"{name} {short(value)}: allowed with method {owner!r} only, not with {method!r}", name
             )
+    for i, link in enumerate(robot.links):
+        if method == "mde" and link.sections:
+            key = f"links[{i}].sections"
+            raise ModelError(f"{robot.name}: method 'mde' has no {key}; allowed is method 'exact'", key)
     for key in ("point_masses", "wrench_places", "contacts", "tip_constraint"):
         if method == "mde" and getattr(robot, key):
             raise ModelError(f"{robot.name}: method 'mde' has no {key}; allowed is method 'exact'", key)

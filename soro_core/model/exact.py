@@ -237,7 +237,7 @@ def kinematics(t: Tables, w: Work, site: Site, q: Array, at: CrossSection) -> No
             for k in range(site.whole if last else t.fraction.shape[0]):
                 step_varying(t, w, i, whole_step(t, i, k), q, on_link)
             if last and site.step > 0.0:
-                step_varying(t, w, i, SubInterval(site.step, site.shape), q, on_link)
+                step_varying(t, w, i, SubInterval(site.step, site.shape, site.rest), q, on_link)
         else:
             along_constant(t, w, i, site.place if last else t.length[i], q, on_link)
         for j in range(m):

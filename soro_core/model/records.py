@@ -47,10 +47,11 @@ class CrossSection(NamedTuple):
 
 
 class SubInterval(NamedTuple):
-    """Part of a link of length h, and the shape functions at its two points (n_q, 2)."""
+    """Part of a link of length h; shape functions (n_q, 2) and xi_0 (2, 6) at its two points."""
 
     h: float
     shape: Array
+    rest: Array
 
 
 class Asked(NamedTuple):

@@ -27,6 +27,10 @@ class External(NamedTuple):
     """Metres beyond them."""
     shape: Array
     """Shape functions on that last piece, as in `Tables.shape`: (n_places, n_q, 2)."""
+    rest: Array
+    """xi_0 there, (n_places, 2, 6)."""
+    radius: Array
+    """Radius of the section [m], (n_places,)."""
     obstacles: Array
     """Rows as in `soro_core.model.forces.contact`, (n_obstacles, 11)."""
     held: Array
@@ -86,13 +90,15 @@ class Tables(NamedTuple):
     shape_node: Array
     """The same at the quadrature nodes, (n_q, n_nodes)."""
     reference: Array
-    """xi_0 of each link: (n, 6)."""
+    """xi_0 of each link at two points of each sub-interval, as `shape`: (n_sub, n, 2, 6)."""
     length: Array
     """Undeformed length of each link [m], (n,)."""
-    radius: Array
-    """Radius of each link [m], (n,)."""
+    gyration: Array
+    """Squared gyration radius of a section about a diameter at each quadrature node [m^2], (n, n_nodes)."""
     mass: Array
     """Mass of each link without point masses [kg], (n,)."""
+    mass_share: Array
+    """Share of it at each quadrature node, (n, n_nodes)."""
     tip_mass: Array
     """Point mass at the tip [kg], (1,): an array, so that a filter can change that of its own tables."""
     point_mass: Array
@@ -104,12 +110,15 @@ class Tables(NamedTuple):
     base_position: Array
     """Position of the base frame in the world [m], (3,)."""
     nodes: Array
-    """Quadrature nodes on (0, 1), with weights that sum to 1."""
-    weights: Array
+    """Quadrature nodes on (0, 1)."""
     columns: Integers
     """First coordinate of elongation, bending_x, bending_y of each link, and behind the last: (n, 3, 2)."""
     law: Array
     """a1 ... a6 of each link, zeros where a material holds: (n, 6)."""
+    law_share: Array
+    """Share of a link that k_b of a node holds for, 1 where strain does not vary: (n, n_nodes)."""
+    axial_share: Array
+    """The same of k_e, over that of k_b: (n, n_nodes)."""
     least: Array
     """Elongation at which a link has collapsed, (n,)."""
     wall: Array
@@ -163,3 +172,5 @@ class Site(NamedTuple):
     """Metres beyond them."""
     shape: Array
     """Shape functions on that last piece, as in `Tables.shape`: (n_q, 2)."""
+    rest: Array
+    """xi_0 there, (2, 6)."""

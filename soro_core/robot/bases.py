@@ -97,7 +97,7 @@ class Constant(Basis):
 
     def nodes(self, field: Field) -> tuple[Array, Array]:
         """One node in the middle."""
-        return _gauss(1)
+        return gauss(1)
 
 
 class Polynomial(Basis):
@@ -127,7 +127,7 @@ class Polynomial(Basis):
 
     def nodes(self, field: Field) -> tuple[Array, Array]:
         """Gauss-Legendre nodes, exact to twice the degree."""
-        return _gauss(_degree(field) + 1)
+        return gauss(_degree(field) + 1)
 
     def is_uniform(self, field: Field) -> bool:
         """Whether the degree is 0."""
@@ -154,7 +154,7 @@ class SampledModes(Basis):
 
     def nodes(self, field: Field) -> tuple[Array, Array]:
         """Gauss-Legendre nodes in each piece of the splines."""
-        return _gauss(4, len(_samples(field)) - 1)
+        return gauss(4, len(_samples(field)) - 1)
 
     def uniform(self, field: Field, weight: Array, mean: Array) -> Array:
         """Coefficients of the projection of 1 by least squares.
@@ -199,7 +199,7 @@ def _samples(field: Field) -> tuple[tuple[float, ...], ...]:
 
 
 @lru_cache(maxsize=64)
-def _gauss(n: int, pieces: int = 1) -> tuple[Array, Array]:
+def gauss(n: int, pieces: int = 1) -> tuple[Array, Array]:
     """Gauss-Legendre nodes and weights on 0 ... 1, n in each of the equal pieces; not to be written to."""
     x, weights = np.polynomial.legendre.leggauss(n)
     at = ((np.arange(pieces)[:, None] + (x + 1) / 2) / pieces).ravel()

@@ -39,7 +39,7 @@ class Calibration(Strict):
         0.0, description="turns the model's curvature vector into the measured frame"
     )
     curvature_offset: Vector2 = Field(
-        (0.0, 0.0), description="measured curvature [1/m] of the straight robot"
+        (0.0, 0.0), description="measured curvature [1/m] of the robot where q is 0"
     )
     tracker_position: Vector3 = Field(
         (0.0, 0.0, 0.0), description="origin of the robot's world in the frame of the tracker [m]"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
@@ -11,10 +12,12 @@ from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 from soro_core.config import Floats, Strict
 from soro_core.robot.chamber import Chamber
 from soro_core.robot.strain import DEFAULT_STRAINS, STRAINS, StrainField, coordinate_names
-from soro_core.robot.vectors import Vector3
+from soro_core.robot.vectors import Vector2, Vector3
 
 # Elongation at which a link has collapsed, where its file names none: a hundredth of its length is left.
 LEAST_ELONGATION = -0.99
+# Of a link's length: round-off of the place of a section.
+CLOSE = 1e-9
 
 
 # Densities [kg/m^3] of a material, from a light foam to a heavy metal.
@@ -74,11 +77,36 @@ class Hysteresis(Strict):
         return _all(value, lambda x: x > 0, "ranges above 0")
 
 
+class LinkSection(Strict):
+    """What a link is at one place, docs/model_terms.md; from place to place each value changes linearly."""
+
+    place: float = Field(ge=0, description="metres of undeformed length from the base of the link")
+    radius: float | None = Field(None, gt=0, description="radius of the section [m]")
+    mass_per_m: float | None = Field(None, gt=0, description="[kg/m], instead of mass or density of the link")
+    stiffness: float | None = Field(
+        None, gt=0, description="factor on the moduli of the material, or on k_e and k_b; default 1"
+    )
+    rest_curvature_per_m: Vector2 | None = Field(None, description="as of the link, at this place")
+    rest_torsion_per_m: float | None = Field(None, description="as of the link, at this place")
+
+
 class Link(Strict):
     """One link, of round solid section, with a field for each strain that it carries."""
 
     length: float = Field(gt=0, description="undeformed length [m]")
-    radius: float = Field(gt=0, description="radius of the section [m]")
+    sections: Annotated[tuple[LinkSection, ...], Field(strict=False)] = Field(
+        (), description="values that change along the link, at two or more places from 0 to its length"
+    )
+    radius: float = Field(
+        0.0,
+        gt=0,
+        description="radius of the section [m]; where sections give it, the largest",
+        validate_default=True,
+    )
+    rest_curvature_per_m: Vector2 | None = Field(
+        None, description="bending_x, bending_y at rest [1/m], where q is 0; default straight"
+    )
+    rest_torsion_per_m: float | None = Field(None, description="torsion at rest [rad/m]; default 0")
     density: float | None = Field(None, gt=0, description="[kg/m^3], instead of mass")
     mass: float = Field(0.0, ge=0, description="[kg]", validate_default=True)
     strains: dict[str, StrainField] = Field(
@@ -108,21 +136,60 @@ class Link(Strict):
     hysteresis: Annotated[tuple[Hysteresis, ...], Field(strict=False)] = ()
     chambers: Annotated[tuple[Chamber, ...], Field(strict=False)] = ()
 
+    @field_validator("sections")
+    @classmethod
+    def _places(cls, value: tuple[LinkSection, ...], info: ValidationInfo) -> tuple[LinkSection, ...]:
+        if not value or "length" not in info.data:
+            return value
+        places, length = [row.place for row in value], info.data["length"]
+        reaches = places[0] == 0.0 and abs(places[-1] - length) <= CLOSE * length
+        if not (reaches and all(a < b for a, b in pairwise(places))):
+            raise ValueError(f"two or more places that grow from 0 to the length of the link, {length:.6g} m")
+        given = [{key for key, entry in row if entry is not None} for row in value]
+        if any(keys != given[0] for keys in given) or len(given[0]) == 1:
+            raise ValueError("one or more values besides the place, the same ones in each of them")
+        return value
+
+    @field_validator("radius", mode="before")
+    @classmethod
+    def _radius(cls, value: Any, info: ValidationInfo) -> Any:
+        radii = _column(info, "radius")
+        # A described robot that is read back carries both, equal.
+        if radii and value not in (0.0, max(radii)):
+            raise ValueError("either one radius, or that of each of the sections")
+        if not radii and value == 0.0:
+            raise ValueError("a radius [m] greater than 0, here or in each of the sections")
+        return max(radii) if radii else value
+
+    @field_validator("rest_curvature_per_m", "rest_torsion_per_m")
+    @classmethod
+    def _rest(cls, value: Any, info: ValidationInfo) -> Any:
+        if value is not None and _column(info, str(info.field_name)):
+            raise ValueError("either of the link, or of each of the sections")
+        return value
+
     @field_validator("mass", mode="before")
     @classmethod
     def _mass(cls, value: Any, info: ValidationInfo) -> Any:
-        """Mass from density, where that is given; the density is kept for the record (see `_resolved`)."""
+        """Mass from density or sections, where these give it; the density is kept for the record."""
         data = info.data
-        if "density" not in data:
+        if "density" not in data or not {"length", "sections", "radius"} <= data.keys():
             return value
-        if data["density"] is not None and "length" in data and "radius" in data:
-            volume = math.pi * data["radius"] ** 2 * data["length"]
-            from_density = data["density"] * volume
-            # A described robot that is read back carries both, equal.
-            if value not in (0.0, None) and value != from_density:
-                raise ValueError("either mass or density, not both")
-            return from_density
-        return value
+        each = _column(info, "mass_per_m")
+        if data["density"] is not None:
+            found, given = (
+                data["density"] * _volume(data["length"], data["radius"], data["sections"]),
+                "density",
+            )
+        elif each:
+            found, given = _sum(data["sections"], [0.5 * (a + b) for a, b in pairwise(each)]), "mass_per_m"
+        else:
+            return value
+        # A described robot that is read back carries both, equal.
+        if value not in (0.0, None, found) or (each and given == "density"):
+            other = "mass_per_m" if each and given == "density" else given
+            raise ValueError(f"either {'density' if other != given else 'mass'} or {other}, not both")
+        return found
 
     @field_validator("mass")
     @classmethod
@@ -192,6 +259,11 @@ class Link(Strict):
         return value
 
     @property
+    def volume(self) -> float:
+        """Of its round outside [m^3]."""
+        return _volume(self.length, self.radius, self.sections)
+
+    @property
     def n_q(self) -> int:
         """Number of coordinates."""
         return sum(field.size for field in self.strains.values())
@@ -202,6 +274,12 @@ class Link(Strict):
         return any(field.varies for field in self.strains.values())
 
     @property
+    def varies_at_rest(self) -> bool:
+        """Whether the strain at rest varies along it."""
+        keys = ("rest_curvature_per_m", "rest_torsion_per_m")
+        return any(getattr(row, key) is not None for row in self.sections for key in keys)
+
+    @property
     def splits(self) -> bool:
         """Whether parts of it can have the shape functions of all its strains."""
         return all(field.shape_functions.splits for field in self.strains.values())
@@ -210,6 +288,24 @@ class Link(Strict):
     def coordinates(self) -> tuple[str, ...]:
         """Names of the coordinates, in order: ``bending_x`` of a constant field, else ``bending_x_0``, ..."""
         return coordinate_names(self.strains)
+
+
+def _column(info: ValidationInfo, key: str) -> list[Any]:
+    """Values of a key of the sections; empty where they do not have it, or are refused."""
+    values = [getattr(row, key) for row in info.data.get("sections", ())]
+    return [] if None in values else values
+
+
+def _sum(rows: tuple[LinkSection, ...], means: list[float]) -> float:
+    """Integral along a link of what has these means between its sections."""
+    return sum((b.place - a.place) * mean for (a, b), mean in zip(pairwise(rows), means, strict=True))
+
+
+def _volume(length: float, radius: float, rows: tuple[LinkSection, ...]) -> float:
+    radii = [row.radius for row in rows if row.radius is not None]
+    if not radii:
+        return math.pi * radius**2 * length
+    return math.pi * _sum(rows, [(a * a + a * b + b * b) / 3.0 for a, b in pairwise(radii)])
 
 
 def _one_or_more(value: Any) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import logging
-import math
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -193,7 +192,7 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
 def _warned(robot: Robot, where: str) -> Robot:
     """Log a line where a link weighs as no material does, or chambers can make one collapse."""
     for i, link in enumerate(robot.links):
-        density = link.mass / (math.pi * link.radius**2 * link.length)
+        density = link.mass / link.volume
         if not LIGHTEST <= density <= DENSEST:
             logging.getLogger("soro_core").warning(
                 "%s: links[%d]: mass, radius and length make %.3g kg/m^3; allowed without this warning: a"

@@ -5,10 +5,13 @@ from __future__ import annotations
 import re
 from typing import Any
 
+import numpy as np
+
 from soro_core.config import Strict
 from soro_core.errors import ConfigError
-from soro_core.robot.bases import listed, names
-from soro_core.robot.link import Link
+from soro_core.robot.bases import gauss, listed, names
+from soro_core.robot.basis import along, knots, mass_profile, mean_stiffness, on_pieces, stiffness_profile
+from soro_core.robot.link import CLOSE, Link
 
 
 def scaled_link(link: Link, stiffness: float, damping: float, gain: float) -> dict[str, Any]:
@@ -98,7 +101,33 @@ def split_link(link: Link, k: int) -> list[dict[str, Any]]:
         part["damping"] = share(link.damping)
     part["creep"] = [{"tau": c.tau, "stiffness": share(c.stiffness)} for c in link.creep]
     part["hysteresis"] = [{"stiffness": share(h.stiffness), "range": h.range} for h in link.hysteresis]
-    return [part, *({**part, "chambers": []} for _ in range(k - 1))]
+    parts = [part, *({**part, "chambers": []} for _ in range(k - 1))]
+    return [_cut(link, keys, j / k, (j + 1) / k) for j, keys in enumerate(parts)] if link.sections else parts
+
+
+def _cut(link: Link, part: dict[str, Any], begin: float, end: float) -> dict[str, Any]:
+    """Return the keys of a part of a link with sections, from its part of a uniform one; places 0 ... 1."""
+    given = knots(link)
+    x = np.array([begin, *given[(given > begin + CLOSE) & (given < end - CLOSE)], end])
+    places = [*((x[:-1] - begin) * link.length).tolist(), part["length"]]
+    columns = {key: along(link, key, x) for key in type(link.sections[0]).model_fields if key != "place"}
+    rows = [
+        {"place": place, **{key: each[n].tolist() for key, each in columns.items() if each is not None}}
+        for n, place in enumerate(places)
+    ]
+    at, weights = on_pieces(x, *gauss(4))
+    share = weights / (end - begin)
+    part = {**part, "sections": rows, "mass": part["mass"] * float(share @ mass_profile(link, at))}
+    if columns["mass_per_m"] is not None:
+        del part["mass"]
+    if columns["radius"] is not None:
+        part.pop("radius", None)
+    for law, strain in (("k_e", "elongation"), ("k_b", "bending_x")):
+        if part.get(law) is not None:
+            stiffer = float(share @ stiffness_profile(link, strain, at)) / mean_stiffness(link, strain)
+            first, second, third = part[law]
+            part[law] = (stiffer * first, stiffer * second, third)
+    return part
 
 
 def fields(model: Strict) -> dict[str, Any]:

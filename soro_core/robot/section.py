@@ -4,14 +4,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import reduce
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.arrays import Array
-from soro_core.robot.basis import shape_integrals, strain_rows
+from soro_core.robot.bases import gauss
+from soro_core.robot.basis import (
+    Profile,
+    knots,
+    mass_profile,
+    mean_stiffness,
+    on_pieces,
+    radius_profile,
+    section_profile,
+    shape_integrals,
+    stiffness_profile,
+    strain_rows,
+)
 from soro_core.robot.description import Robot
 from soro_core.robot.link import Link
+
+# Length, mass per length, radius; EI and shear compliance over those of the link.
+_Slice: TypeAlias = tuple[float, float, float, float, float]
+# Of a link with sections: they leave 1e-6 of the factor for a cone whose radius halves.
+_STEPS = 12
 
 
 def link_stiffness(link: Link, factor: float | Array = 1.0) -> Array:
@@ -42,6 +61,7 @@ def link_stiffness(link: Link, factor: float | Array = 1.0) -> Array:
             "shear_x": m.shear_factor * m.shear_modulus * area,
             "shear_y": m.shear_factor * m.shear_modulus * area,
         },
+        stiffness_profile,
     )
 
 
@@ -67,6 +87,7 @@ def link_damping(link: Link) -> Array:
             "shear_x": eta * area,
             "shear_y": eta * area,
         },
+        section_profile,
     )
 
 
@@ -93,11 +114,12 @@ def _plane_factors(robot: Robot, corrected: NDArray[np.bool_]) -> Array:
     bending = np.array([_bending_stiffness(link) for link in robot.links])
     shear = np.array([_shear_compliance(link) for link in robot.links])
     rigid = np.where(corrected, 0.0, shear)
+    slices = [_slices(link) for link in robot.links]
 
     def determinant(omega: float, factor: float, compliance: Array) -> float:
-        return _clamped_free(robot, omega, np.where(corrected, factor, 1.0) * bending, compliance)
+        return _clamped_free(robot, slices, omega, np.where(corrected, factor, 1.0) * bending, compliance)
 
-    slowest = _lower_bound(robot, bending, shear)
+    slowest = _lower_bound(slices, bending, shear)
     target = slowest + _first_root(lambda more: determinant(slowest + more, 1.0, shear), 0.05 * slowest)
     # Softening the bare chain lowers its first frequency until it meets the target.
     softening = _first_root(lambda more: determinant(target, 1.0 / (1.0 + more), rigid), 0.02)
@@ -105,9 +127,10 @@ def _plane_factors(robot: Robot, corrected: NDArray[np.bool_]) -> Array:
     return factors
 
 
-def _integrated(link: Link, per_length: dict[str, float]) -> Array:
+def _integrated(link: Link, per_length: dict[str, float], profile: Profile) -> Array:
+    """Integrals of what is `per_length` at the link's radius."""
     values = np.array([per_length[name] for name in strain_rows(link)])
-    return values[:, None] * shape_integrals(link)
+    return values[:, None] * shape_integrals(link, profile if link.sections else None)
 
 
 def _is_corrected(link: Link, bending: str, shear: str) -> bool:
@@ -135,7 +158,26 @@ def _shear_compliance(link: Link) -> float:
     return 1.0 / (link.material.shear_factor * link.material.shear_modulus * _section(link)[0])
 
 
-def _clamped_free(robot: Robot, omega: float, bending: Array, compliance: Array) -> float:
+def _slices(link: Link) -> list[_Slice]:
+    """Slices of a link that count as uniform: itself, where it has no sections; else two for each step."""
+    rho = link.mass / link.length
+    if not link.sections:
+        return [(link.length, rho, link.radius, 1.0, 1.0)]
+    given = knots(link)
+    each = math.ceil(_STEPS / (len(given) - 1))
+    ends = np.interp(np.arange(each * (len(given) - 1) + 1) / each, np.arange(len(given)), given)
+    x, size = on_pieces(ends, *gauss(2))
+    stiffer = stiffness_profile(link, "bending_x", x)
+    if link.material is None:
+        stiffer /= mean_stiffness(link, "bending_x")
+    softer = 1.0 / stiffness_profile(link, "shear_x", x)
+    columns = (size * link.length, rho * mass_profile(link, x), radius_profile(link, x), stiffer, softer)
+    return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
+def _clamped_free(
+    robot: Robot, slices: list[list[_Slice]], omega: float, bending: Array, compliance: Array
+) -> float:
     """Determinant whose roots are the frequencies [rad/s] of the stepped Timoshenko beam, clamped at its
     base.
 
@@ -144,28 +186,35 @@ def _clamped_free(robot: Robot, omega: float, bending: Array, compliance: Array)
     """
     length, stiffness = robot.length, bending[0]
     transfer = np.eye(4)
-    known: dict[tuple[float, ...], Array] = {}  # the parts of a refined robot are alike
-    for link, ei, soft in zip(robot.links, bending, compliance, strict=True):
-        rho = link.mass / link.length
-        section = (rho, link.radius, link.length, ei, soft)
+    known: dict[object, Array] = {}  # the parts of a refined robot are alike
+    for parts, ei, soft in zip(slices, bending, compliance, strict=True):
+        section = (tuple(parts), ei, soft)
         if section not in known:
-            a = np.zeros((4, 4))
-            a[0, 1] = 1.0
-            a[0, 3] = soft * stiffness / length**2
-            a[1, 2] = stiffness / ei
-            a[2, 1] = -rho * link.radius**2 / 4 * omega**2 * length**2 / stiffness
-            a[2, 3] = -1.0
-            a[3, 0] = -rho * omega**2 * length**4 / stiffness
-            known[section] = _exponential(a * link.length / length)
+            a = np.zeros((len(parts), 4, 4))
+            for k, (size, rho, radius, stiffer, softer) in enumerate(parts):
+                a[k, 0, 1] = 1.0
+                a[k, 0, 3] = soft * softer * stiffness / length**2
+                a[k, 1, 2] = stiffness / (ei * stiffer)
+                a[k, 2, 1] = -rho * radius**2 / 4 * omega**2 * length**2 / stiffness
+                a[k, 2, 3] = -1.0
+                a[k, 3, 0] = -rho * omega**2 * length**4 / stiffness
+                a[k] = a[k] * size / length
+            known[section] = _exponential(a[0]) if len(a) == 1 else _along_steps(a[::2], a[1::2])
         transfer = known[section] @ transfer
     return float(np.linalg.det(transfer[2:, 2:]))
 
 
+def _along_steps(first: Array, second: Array) -> Array:
+    """Transfer of steps in turn, of fourth order [B09]: from the halves (n, 4, 4) at their Gauss points."""
+    steps = _exponential(first + second + (second @ first - first @ second) / math.sqrt(3.0))
+    return reduce(lambda inner, outer: np.asarray(outer @ inner), steps)
+
+
 def _exponential(matrix: Array) -> Array:
-    """Return exp of a small matrix by its series; scipy's solves equations, which takes BLAS milliseconds."""
-    halvings = max(0, math.frexp(float(np.abs(matrix).sum(axis=1).max()))[1] + 1)
+    """Return exp of a small matrix, or of each of a stack, by its series; scipy takes BLAS milliseconds."""
+    halvings = max(0, math.frexp(float(np.abs(matrix).sum(axis=-1).max()))[1] + 1)
     step = matrix / 2.0**halvings  # of norm 1/2 at most: 16 terms leave 1e-20
-    result = term = np.eye(len(matrix))
+    result = term = np.eye(matrix.shape[-1])
     for k in range(1, 16):
         term = term @ step / k
         result = result + term
@@ -174,7 +223,7 @@ def _exponential(matrix: Array) -> Array:
     return result
 
 
-def _lower_bound(robot: Robot, bending: Array, compliance: Array) -> float:
+def _lower_bound(slices: list[list[_Slice]], bending: Array, compliance: Array) -> float:
     """Dunkerley's bound [rad/s], a few per cent below the first frequency: 1 / omega^2 < int flexibility dm.
 
     The flexibility at x is the deflection there under a unit force there; of rotary inertia, the rotation
@@ -182,12 +231,16 @@ def _lower_bound(robot: Robot, bending: Array, compliance: Array) -> float:
     """
     total = 0.0
     deflection = coupling = rotation = 0.0  # of the tip of the links so far: w/F, w/M = phi/F, phi/M
-    for link, ei, soft in zip(robot.links, bending, compliance, strict=True):
-        length, rho = link.length, link.mass / link.length
+    uniform = [
+        (size, rho, radius, ei * stiffer, soft * softer)
+        for parts, ei, soft in zip(slices, bending, compliance, strict=True)
+        for size, rho, radius, stiffer, softer in parts
+    ]
+    for length, rho, radius, ei, soft in uniform:
         for x, weight in ((0.5 - 0.5 / math.sqrt(3), 0.5), (0.5 + 0.5 / math.sqrt(3), 0.5)):
             at = x * length
             w = deflection + 2 * at * coupling + at**2 * rotation + at**3 / (3 * ei) + at * soft
-            total += weight * length * rho * (w + link.radius**2 / 4 * (rotation + at / ei))
+            total += weight * length * rho * (w + radius**2 / 4 * (rotation + at / ei))
         deflection += 2 * length * coupling + length**2 * rotation + length**3 / (3 * ei) + length * soft
         coupling += length * rotation + length**2 / (2 * ei)
         rotation += length / ei

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import cos, isnan, pi, radians, sin
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.robot import Robot
+from soro_core.robot.basis import radius_profile, taper_at
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Colours of the chambers, in their order; colour-blind people can distinguish them (Okabe and Ito)."""
@@ -48,6 +49,8 @@ class Body:
         The line in the section [m].
     colour : Array
         Its colour (3,) from 0 to 1; of a chamber when it is full.
+    taper : Array
+        Factor (m,) on radius and offset.
     """
 
     name: str
@@ -56,12 +59,13 @@ class Body:
     radius: Array
     offset: tuple[float, float]
     colour: Array
+    taper: Array = field(default_factory=lambda: np.ones(1))
 
     def rings(self, poses: Array, around: int) -> Array:
         """Points (m, around, 3) [m] of the rings, of the poses (m, 4, 4) of their sections."""
         angle = np.linspace(0.0, 2 * pi, around, endpoint=False)
-        x = self.offset[0] + self.radius[:, None] * np.cos(angle)
-        y = self.offset[1] + self.radius[:, None] * np.sin(angle)
+        x = self.taper[:, None] * (self.offset[0] + self.radius[:, None] * np.cos(angle))
+        y = self.taper[:, None] * (self.offset[1] + self.radius[:, None] * np.sin(angle))
         local = np.stack([x, y, np.repeat(self.ahead[:, None], around, axis=1)], axis=-1)
         return np.asarray(local @ poses[:, :3, :3].transpose(0, 2, 1) + poses[:, None, :3, 3])
 
@@ -152,16 +156,20 @@ def bodies(robot: Robot, payload_kg: float = 0.0, per_fold: int = _PER_FOLD) -> 
     radius, s = robot.links[0].radius, places(robot, per_fold)
     inner = s[1:-1]
     steady = np.full(len(inner), 0.3 * radius)
-    found = [Body("core", inner, 0.0 * inner, steady, (0.0, 0.0), shade(_rgb("#777777"), 0.6))]
+    grey = shade(_rgb("#777777"), 0.6)
+    found = [Body("core", inner, 0.0 * inner, steady, (0.0, 0.0), grey, taper_at(robot.links, inner))]
     for k, bellow in enumerate(chambers(robot)):
         inside = s[(s >= bellow.begin + _PLATE * radius) & (s < bellow.end - 1e-9)]  # from plate to plate
         folds = 0.84 + 0.16 * np.cos(2 * pi * (inside - bellow.begin) / _pitch(bellow) + pi)
         colour = _rgb(COLOURS[k % len(COLOURS)])
-        found.append(Body(bellow.name, inside, 0.0 * inside, bellow.radius * folds, bellow.offset, colour))
+        radii, taper = bellow.radius * folds, taper_at(robot.links, inside)
+        found.append(Body(bellow.name, inside, 0.0 * inside, radii, bellow.offset, colour, taper))
     begin = 0.0
     for i, link in enumerate(robot.links):
+        thickness = _PLATE * link.radius
         for k, (at, sign) in enumerate(((begin, 1), (begin + link.length, -1))):
-            found.append(_plate(f"plate{2 * i + k}", at, link.radius, sign * _PLATE * link.radius))
+            size = radius_profile(link, np.array([float(k)]))[0]
+            found.append(_plate(f"plate{2 * i + k}", at, size, sign * thickness))
         begin += link.length
     if payload_kg > 0:
         size = (3 * payload_kg / (4 * pi * _STEEL)) ** (1 / 3)

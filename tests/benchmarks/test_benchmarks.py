@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
+from result_tables import tables, written
 from typer.testing import CliRunner
 
 from benchmarks import mismatched_arms, peer, report, rod
@@ -41,6 +42,17 @@ def test_a_section_is_written_with_numbers(run, name):
     assert not any("nan" in row or "inf" in row for row in rows)
     assert "% of the core while timing" in text
     assert name == "terms" or "soromox was not measured" in text
+
+
+@pytest.mark.slow
+def test_one_link_of_order_4_beats_eight_of_constant_strain(tmp_path):
+    """As docs/trade.md says: tenfold and more under a follower force and along a taper."""
+    (rows,) = tables(written(tmp_path, "orders"))
+    high, many = rows
+    assert (high["links"], many["links"]) == ("1 of order 4", "8 of constant strain")
+    for column in ("follower 4 EI/L^2", "follower 12 EI/L^2", "taper"):
+        assert float(high[column]) < 0.1 * float(many[column])
+    assert float(many["taper"]) < 0.2 * float(many["taper as steps"])
 
 
 @pytest.mark.slow

@@ -181,6 +181,17 @@ def test_an_arm_and_a_run_pass_into_a_process_and_back():
     np.testing.assert_array_equal(q, moved(arm)[2])
 
 
+def test_an_arm_passes_into_a_worker_of_joblib_and_back():
+    """By loky, whose pickles are those of cloudpickle."""
+    loky = pytest.importorskip("joblib.externals.loky", reason="joblib is not installed")
+    arm = SoftArm(BELLOW, nodes=9)
+    with loky.ProcessPoolExecutor(max_workers=1) as workers:
+        again, pose, q = workers.submit(moved, arm).result()
+    assert (repr(again), again.robot) == (repr(arm), BELLOW)
+    np.testing.assert_array_equal(pose, moved(arm)[1])
+    np.testing.assert_array_equal(q, moved(arm)[2])
+
+
 def test_arms_robots_and_runs_pickle():
     arm = SoftArm(POD)
     again, robot, run = pickle.loads(pickle.dumps((arm, POD, simulate(arm, t_end=0.01))))

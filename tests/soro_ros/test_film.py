@@ -84,6 +84,24 @@ def test_three_bellows_lie_beside_one_another():
         assert np.hypot(*np.subtract(one.offset, other.offset)) >= one.radius + other.radius
 
 
+def test_a_link_that_tapers_is_drawn_so():
+    """Plates and core have the radius of their section, and the bellows stay within it."""
+    robot = load_robot(find_config("tapered_helix", "robots"))
+    upright = np.tile(np.eye(4), (len(s := arm_shape.places(robot)), 1, 1))
+    drawn = {
+        body.name: (body, body.rings(arm_shape.between(s, upright, body.s), 36))
+        for body in arm_shape.bodies(robot)
+    }
+    for name, radius in (("plate0", 0.012), ("plate1", 0.007)):
+        assert np.hypot(*drawn[name][1][..., :2].T).max() == pytest.approx(radius)
+    section = np.interp(drawn["core"][0].s, [0.0, robot.length], [0.012, 0.007])
+    np.testing.assert_allclose(np.hypot(*drawn["core"][1][:, 0, :2].T), 0.3 * section)
+    for name in robot.chamber_names:
+        body, rings = drawn[name]
+        section = np.interp(body.s, [0.0, robot.length], [0.012, 0.007])
+        assert (np.hypot(rings[..., 0], rings[..., 1]).max(axis=1) < section).all()
+
+
 @pytest.mark.slow
 def test_gif_and_png(tmp_path):
     app, run = application(), ["plot", str(BAG), "--start", "1s", "--end", "1400ms", "--width", "320"]

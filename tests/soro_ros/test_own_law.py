@@ -1,11 +1,13 @@
-"""docs/adding_a_law.md as it is written: a law of a file, by `soro run`; and one that fails on the way."""
+"""Laws from outside by `soro run`: that of docs/adding_a_law.md, one that fails, and those of packages."""
 
+import os
 import re
 import shutil
 
 import pytest
 
 from tests.docs.test_pages import ROOT
+from tests.law_packages import FOLDERS, paths_of
 from tests.soro_ros.running import run, summary
 
 PAGE = (ROOT / "docs/adding_a_law.md").read_text(encoding="utf-8")
@@ -40,3 +42,16 @@ def test_a_law_that_fails_on_the_way_is_named_with_file_and_line(scene, tmp_path
     named = f"law {law}:Spring: ZeroDivisionError: division by zero (my_law.py, line {line})"
     assert named in found["reason"]
     assert named in (folder / "log/controller.log").read_text()
+
+
+@pytest.mark.parametrize("law", FOLDERS)
+def test_the_law_of_a_package_runs_by_its_name(law, monkeypatch, tmp_path):
+    if law == "predictive":
+        pytest.importorskip("daqp", reason="the QP solver of examples/predictive is not installed")
+    paths = [*paths_of(law, tmp_path / "installed"), os.environ.get("PYTHONPATH", "")]
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
+    changes = (f"controller.law={law}", "mode=lockstep", "duration_s=8")
+    status, said, folder = run(tmp_path / "runs", *changes)
+    found = summary(folder)
+    assert (status, found["verdict"]) == (0, "good"), said
+    assert found["tip_error_last_rms_m"] < 0.6e-3

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 import inspect
-import traceback
 from collections.abc import Callable, Iterator
 from functools import wraps
-from pathlib import Path
 from typing import Any
 
 from soro_core.errors import ConfigError, ModelError
+from soro_core.registered import told
 
 
 class LawError(ModelError):
@@ -53,7 +52,7 @@ def _guarded(method: Callable[..., Any]) -> Callable[..., Any]:
         except (LawError, ConfigError):  # named already; a refusal has its own text
             raise
         except (Exception, SystemExit) as error:  # whatever a law from outside does must not end the loop
-            raise LawError(_name(law), told(error, method.__code__.co_filename)) from error
+            raise LawError(_name(law), told(error, method.__module__)) from error
 
     return call
 
@@ -62,10 +61,3 @@ def _name(law: Any) -> str:
     """Return the name by which a law was asked for."""
     setting = getattr(law, "setting", None)
     return setting.config.law if setting is not None else type(law).__name__
-
-
-def told(error: BaseException, file: str) -> str:
-    """Return an error in one line, with the last line of a file on the way to it."""
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == file]
-    place = f" ({Path(file).name}, line {lines[-1]})" if lines else ""
-    return " ".join(f"{type(error).__name__}: {error}".split()) + place

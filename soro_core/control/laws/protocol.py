@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
 
@@ -83,12 +83,25 @@ class Preview:
         Time until then [s].
     motions : ActuatedSubspace or None
         What the chambers can move about `ahead`; None where that is all.
+    later : callable, optional
+        Gives the reference a time [s] after now, for `at`.
     """
 
     now: Point
     ahead: Point
     ahead_s: float
     motions: ActuatedSubspace | None = None
+    later: Callable[[float], Point] | None = None
+
+    def at(self, time_s: float) -> Point:
+        """Return the reference a time [s] after now, if no other is given meanwhile; `ahead` without `later`.
+
+        Parameters
+        ----------
+        time_s : float
+            0 or more.
+        """
+        return self.ahead if self.later is None else self.later(time_s)
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,6 @@ from types import ModuleType
 from typing import Any, TypeAlias
 
 from soro_core import registered
-from soro_core.control.laws.guard import told
 from soro_core.control.laws.protocol import Law, LawOptions
 from soro_core.errors import nearest
 
@@ -79,7 +78,9 @@ def _law_of_file(file: Path, name: str) -> AnyLaw:
     try:
         law = getattr(_module_of(file, file.stat().st_mtime_ns), name, None)
     except (Exception, SystemExit) as error:  # whatever a file does when it is run
-        raise ValueError(f"{_allowed()}; {file} does not load ({told(error, str(file))})") from None
+        raise ValueError(
+            f"{_allowed()}; {file} does not load ({registered.told(error, str(file))})"
+        ) from None
     if not _is_law(law):
         raise ValueError(f"{_allowed()}; {name} of {file} is no {_ONE}")
     return law  # type: ignore[no-any-return]

@@ -15,6 +15,7 @@ from soro_core.arrays import Array
 from soro_core.control.motions.path_coordinates import listed
 from soro_core.control.nonuniform_strain import NonuniformStrain, has_nonuniform_strain
 from soro_core.model import SoftArm
+from soro_core.robot.basis import knots, radius_profile, taper_at
 
 # How much nearer an obstacle may come between samples [m].
 ERROR_M = 5e-5
@@ -86,15 +87,17 @@ def obstacles_of(arm: SoftArm, pieces: int) -> Obstacles | None:
     if contacts is None or not (contacts.planes or contacts.spheres):
         return None
     ends = np.cumsum([link.length for link in arm.robot.links])
-    radii = np.array([link.radius for link in arm.robot.links])
+    links = arm.robot.links
+    radii = np.array([link.radius for link in links])
     planes = [[*one.point, *(np.array(one.normal) / np.linalg.norm(one.normal))] for one in contacts.planes]
     spheres = [[*one.centre, one.radius] for one in contacts.spheres]
     # Half a step beside the nearest point of a ball, the distance from its centre is longer by this error.
-    least = radii.min() + min((one.radius for one in contacts.spheres), default=radii.min())
+    thinnest = min(radius_profile(link, knots(link)).min() for link in links)
+    least = thinnest + min((one.radius for one in contacts.spheres), default=thinnest)
     step = math.sqrt(8.0 * ERROR_M * least)
     count = math.ceil((arm.length - radii[0]) * _STRETCHED / step)
     places = np.linspace(min(radii[0], arm.length), arm.length, max(count, 1) + 1)
-    radius = radii[np.minimum(np.searchsorted(ends, places - 1e-9), len(radii) - 1)]
+    radius = radii[np.minimum(np.searchsorted(ends, places - 1e-9), len(radii) - 1)] * taper_at(links, places)
     bare = SoftArm(arm.robot.replace(contacts=None))
     return Obstacles(
         arm,

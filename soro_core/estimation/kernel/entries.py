@@ -64,7 +64,7 @@ def advance(
     known: Known,
     belief: Fields,
     held: tuple[Array, float],
-    sample: tuple[tuple[int, float, int, float, Array], int, Array, Array, Array, float, bool, Array],
+    sample: tuple[tuple[int, float, int, float, Array, Array], int, Array, Array, Array, float, bool, Array],
     out: Fields,
 ) -> tuple[int, int, float, float]:
     """`advance.advance` with the learned model, and `held` the pressures and for how long [s].

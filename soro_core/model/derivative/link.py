@@ -130,7 +130,7 @@ def _strains(t: Tables, d: DerivativeWork, i: int, k: int, motion: Motion) -> No
     shape, R, p = t.shape[k], d.rotation[SECTION], d.position[SECTION]
     for point in range(2):
         x = d.jet[point]
-        assign(t.reference[i], x[0])
+        assign(t.reference[k, i, point], x[0])
         clear(x[1])
         clear(x[2])
         strain_at(t, i, shape, point, motion.q, x[0])

@@ -15,7 +15,7 @@ from typing import TypeAlias
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.model.links.linear import clear_matrix
-from soro_core.model.links.local import local_strain, n_samples, weight
+from soro_core.model.links.local import local_strain, n_samples
 from soro_core.model.tables import DEFORMED, Tables
 
 Slope: TypeAlias = tuple[float, float, float]
@@ -86,8 +86,8 @@ def _wall_energy(law: Array, wall: float, x: float) -> float:
 
 
 @inner
-def _bend(t: Tables, i: int, k: int, q: Array) -> tuple[float, float, float, float, Slope]:
-    """Weight of node k, x = eps L, stretch, w = beta^2 / 2, and dw/d(eps, kx, ky)."""
+def _bend(t: Tables, i: int, k: int, q: Array) -> tuple[float, float, float, Slope]:
+    """Return x = eps L, stretch, w = beta^2 / 2, and dw/d(eps, kx, ky) of node k."""
     eps, kx, ky = local_strain(t, i, 0, k, q), local_strain(t, i, 1, k, q), local_strain(t, i, 2, k, q)
     L2 = t.length[i] * t.length[i]
     stretch, by_eps = 1.0, 0.0
@@ -96,7 +96,7 @@ def _bend(t: Tables, i: int, k: int, q: Array) -> tuple[float, float, float, flo
         stretch = 1.0 + eps
         by_eps = k2 * L2 * stretch
     each = L2 * stretch * stretch
-    return weight(t, i, k), eps * t.length[i], stretch, 0.5 * k2 * each, (by_eps, kx * each, ky * each)
+    return eps * t.length[i], stretch, 0.5 * k2 * each, (by_eps, kx * each, ky * each)
 
 
 @inner
@@ -112,9 +112,10 @@ def elastic_force(t: Tables, q: Array, force: Array) -> None:
         if law[0] == 0.0 and law[3] == 0.0:
             continue
         for k in range(n_samples(t, i)):
-            share, x, _, w, slope = _bend(t, i, k, q)
+            x, _, w, slope = _bend(t, i, k, q)
+            share = t.law_share[i, k]
             k_b = _secant(law[3], law[4], law[5], math.sqrt(2.0 * w))
-            axial = _axial(law, t.wall[i], x) * x * t.length[i]
+            axial = t.axial_share[i, k] * _axial(law, t.wall[i], x) * x * t.length[i]
             for r in range(3):
                 f = share * (k_b * slope[r] + (axial if r == 0 else 0.0))
                 for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
@@ -134,8 +135,10 @@ def elastic_energy(t: Tables, q: Array) -> float:
         if law[0] == 0.0 and law[3] == 0.0:
             continue
         for k in range(n_samples(t, i)):
-            share, x, _, w, _ = _bend(t, i, k, q)
-            energy += share * (_law_energy(law[0], law[1], law[2], x) + _wall_energy(law, t.wall[i], x))
+            x, _, w, _ = _bend(t, i, k, q)
+            share = t.law_share[i, k]
+            axial = share * t.axial_share[i, k]
+            energy += axial * (_law_energy(law[0], law[1], law[2], x) + _wall_energy(law, t.wall[i], x))
             energy += share * _law_energy(law[3], law[4], law[5], math.sqrt(2.0 * w))
     return energy
 
@@ -144,7 +147,7 @@ def elastic_energy(t: Tables, q: Array) -> float:
 def _law_second(t: Tables, i: int, k: int, q: Array, r: int, d: int) -> float:
     """Second derivative of the laws by two of (eps, kx, ky) at a node."""
     law, L = t.law[i], t.length[i]
-    _, x, stretch, w, slope = _bend(t, i, k, q)
+    x, stretch, w, slope = _bend(t, i, k, q)
     beta = math.sqrt(2.0 * w)
     k_b = _secant(law[3], law[4], law[5], beta)
     second = _secant_slope(law[4], law[5], beta) * slope[r] * slope[d]
@@ -156,7 +159,7 @@ def _law_second(t: Tables, i: int, k: int, q: Array, r: int, d: int) -> float:
         elif r == 0 or d == 0:
             second += k_b * 2.0 * slope[r + d] / stretch
     if r == 0 and d == 0:
-        second += _axial_slope(law, t.wall[i], x) * L * L
+        second += t.axial_share[i, k] * _axial_slope(law, t.wall[i], x) * L * L
     return second
 
 
@@ -172,7 +175,7 @@ def add_stiffness(t: Tables, q: Array, factor: float, K: Array) -> None:
         if law[0] == 0.0 and law[3] == 0.0:
             continue
         for k in range(n_samples(t, i)):
-            share = factor * weight(t, i, k)
+            share = factor * t.law_share[i, k]
             for r in range(3):
                 for e in range(3):
                     second = share * _law_second(t, i, k, q, r, e)
@@ -190,15 +193,17 @@ def elastic_regressor(t: Tables, q: Array, Y: Array) -> None:
         if law[0] == 0.0 and law[3] == 0.0:
             continue
         for k in range(n_samples(t, i)):
-            share, x, _, w, slope = _bend(t, i, k, q)
+            x, _, w, slope = _bend(t, i, k, q)
+            share = t.law_share[i, k]
             _, touch = _touch(t.wall[i], x)
-            axial = (_secant(0.0, 1.0, law[2], x) - touch) * x * t.length[i]
+            extension = t.axial_share[i, k] * x
+            axial = (_secant(0.0, 1.0, law[2], x) - touch) * extension * t.length[i]
             feature = _secant(0.0, 1.0, law[5], math.sqrt(2.0 * w))
             for r in range(3):
                 for c in range(t.columns[i, r, 0], t.columns[i, r, 1]):
                     f = share * t.shape_node[c, k]
                     if r == 0:
-                        Y[c, 4 * i] += f * (1.0 + touch) * x * t.length[i]
+                        Y[c, 4 * i] += f * (1.0 + touch) * extension * t.length[i]
                         Y[c, 4 * i + 1] += f * axial
                     Y[c, 4 * i + 2] += f * slope[r]
                     Y[c, 4 * i + 3] += f * feature * slope[r]

@@ -75,7 +75,7 @@ def _visit(t: Tables, w: Work, wrench: Array, motion: Motion, factors: TangentFa
                 assign(p_node, ps)
                 assign_matrix(B_node, B1)
                 if e.step[k] > 0.0:
-                    step_varying(t, w, i, SubInterval(e.step[k], e.shape[k]), q, site)
+                    step_varying(t, w, i, SubInterval(e.step[k], e.shape[k], e.rest[k]), q, site)
             else:
                 along_constant(t, w, i, e.place[k], q, site)
             Vk = w.site_vectors[SITE_TWIST]
@@ -128,7 +128,7 @@ def _add_force(t: Tables, w: Work, i: int, k: int, wrench: Array, tau: Array) ->
     clear(total)
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            depth = _touch(w, e.obstacles[o], t.radius[i])
+            depth = _touch(w, e.obstacles[o], e.radius[k])
             if depth > 0.0:
                 clear(F)
                 add_force(e.obstacles[o], depth, n, u, F)
@@ -165,7 +165,7 @@ def _add_tangent(t: Tables, w: Work, i: int, k: int, factors: TangentFactors) ->
     u, n = w.points[VELOCITY], w.points[NORMAL]
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            depth = _touch(w, e.obstacles[o], t.radius[i])
+            depth = _touch(w, e.obstacles[o], e.radius[k])
             if depth > 0.0:
                 clear_matrix(K)
                 add_tangent(e.obstacles[o], depth, n, u, factors, K)

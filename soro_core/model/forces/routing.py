@@ -9,8 +9,8 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.model.tables import NoTendons, Tables, Tendons
-from soro_core.robot import Robot
-from soro_core.robot.basis import shape_values
+from soro_core.robot import Link, Robot
+from soro_core.robot.basis import knots, on_pieces, rest_strain, shape_values
 
 # Points a link of a winding tendon or a varying strain: to 1e-10 of the length for a link bent by 3 rad.
 _LEAST, _PER_SIZE, _PER_TURN = 10, 2, 9
@@ -47,10 +47,10 @@ def tendon_points(robot: Robot, t: Tables, rule: Callable[[int], tuple[Array, Ar
         start = tendon.angle_rad
         for i in along:
             link, rows = robot.links[i], slice(t.offset[i], t.offset[i + 1])
-            most = max(field.size for field in link.strains.values()) if link.varies else 0
-            at, shares = _places(most, rate * link.length, rule)
+            at, shares = _places(link, rate * link.length, rule)
+            at_rest = rest_strain(link, at)
             shapes = shape_values(link, at * link.length)
-            for s, share, shape in zip(at * link.length, shares, shapes.T, strict=True):
+            for s, share, shape, strain in zip(at * link.length, shares, shapes.T, at_rest, strict=True):
                 angle = start + rate * s
                 out = tendon.offset_m * np.array([math.cos(angle), math.sin(angle), 0.0])
                 onward = rate * np.array([-out[1], out[0], 0.0])
@@ -59,7 +59,7 @@ def tendon_points(robot: Robot, t: Tables, rule: Callable[[int], tuple[Array, Ar
                 inputs.append(robot.n_u - len(robot.tendons) + k)
                 links.append(i)
                 weights.append(share * link.length)
-                rest.append(_velocity(t.reference[i], out) + onward)
+                rest.append(_velocity(strain, out) + onward)
                 columns.append(column)
             start += rate * link.length
     return Tendons(
@@ -71,14 +71,16 @@ def tendon_points(robot: Robot, t: Tables, rule: Callable[[int], tuple[Array, Ar
     )
 
 
-def _places(size: int, turn: float, rule: Callable[[int], tuple[Array, Array]]) -> tuple[Array, Array]:
+def _places(link: Link, turn: float, rule: Callable[[int], tuple[Array, Array]]) -> tuple[Array, Array]:
     """Places on (0, 1) of a link and their weights; one where neither the tendon turns nor a strain varies.
 
-    `size`: most shape functions of a varying strain, else 0; `turn`: of the tendon along the link [rad].
+    `turn`: of the tendon along the link [rad]. Between sections the strain at rest is smooth.
     """
-    if turn == 0.0 and size == 0:
+    if turn == 0.0 and not link.varies and not link.varies_at_rest:
         return np.array([0.5]), np.ones(1)
-    return rule(_LEAST + _PER_SIZE * size + math.ceil(_PER_TURN * abs(turn) / (2.0 * math.pi)))
+    size = max(field.size for field in link.strains.values()) if link.varies else 0
+    points = rule(_LEAST + _PER_SIZE * size + math.ceil(_PER_TURN * abs(turn) / (2.0 * math.pi)))
+    return on_pieces(knots(link), *points)
 
 
 def _velocity(twist: Array, at: Array) -> Array:

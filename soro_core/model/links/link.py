@@ -18,7 +18,7 @@ from soro_core.model.work import STRAIN, STRAIN_RATE, Work
 def strain_twist(t: Tables, i: int, q: Array, xi: Array) -> None:
     """xi <- xi_0 + B q of link i."""
     for r in range(6):
-        xi[r] = t.reference[i, r]
+        xi[r] = t.reference[0, i, 0, r]
     for c in range(t.offset[i], t.offset[i + 1]):
         for r in range(6):
             xi[r] += t.basis[c, r] * q[c]
@@ -120,8 +120,8 @@ def momentum(mass: float, k2: float, R: Array, p: Array, V: Array, h: Array) -> 
 @inner
 def node(t: Tables, i: int, k: int, mass: Array, tip_mass: float) -> tuple[float, float, float]:
     """Place, mass and squared gyration radius of node k, with the point mass there and that of the tip."""
-    dm = t.weights[k] * mass[i]
-    k2 = 0.25 * t.radius[i] * t.radius[i]
+    dm = t.mass_share[i, k] * mass[i]
+    k2 = t.gyration[i, k]
     point = t.point_mass[i, k]
     if k == t.nodes.shape[0] - 1 and i == t.length.shape[0] - 1:
         point += tip_mass

@@ -38,7 +38,7 @@ def begin_varying(at: CrossSection) -> None:
 @inner
 def whole_step(t: Tables, i: int, k: int) -> SubInterval:
     """Return sub-interval k of link i."""
-    return SubInterval(t.fraction[k] * t.length[i], t.shape[k])
+    return SubInterval(t.fraction[k] * t.length[i], t.shape[k], t.reference[k, i])
 
 
 @inner

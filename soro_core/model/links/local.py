@@ -1,6 +1,6 @@
 """Strains at the quadrature nodes of a link, for laws that hold at every section by itself.
 
-A strain that does not vary along its link is evaluated once, with the weight of the whole link.
+A strain that does not vary along its link is evaluated once, for the whole link.
 """
 
 from __future__ import annotations
@@ -14,12 +14,6 @@ from soro_core.model.tables import Tables
 def n_samples(t: Tables, i: int) -> int:
     """Return the number of nodes at which a law of link i is evaluated."""
     return t.nodes.shape[0] if t.varying[i] else 1
-
-
-@inner
-def weight(t: Tables, i: int, k: int) -> float:
-    """Share of link i that node k stands for."""
-    return t.weights[k] if t.varying[i] else 1.0
 
 
 @inner

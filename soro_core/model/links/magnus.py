@@ -66,7 +66,7 @@ def _tangent(X: Array, omega: Array, a: Array, powers: Array, out: Array) -> Non
 @inner
 def magnus_step(t: Tables, w: Work, i: int, step: SubInterval, motion: Motion, at: CrossSection) -> None:
     """Advance pose and columns B1 (m, 6) of a section, and w.vectors[COLUMN_RATE] = d/dt(B1) v."""
-    h, shape = step
+    h, shape, rest = step
     q, qd, v, _ = motion
     R, p, B1 = at
     rate = w.vectors[COLUMN_RATE]
@@ -77,8 +77,8 @@ def magnus_step(t: Tables, w: Work, i: int, step: SubInterval, motion: Motion, a
     X, Y, twist = w.vectors[SUMMAND], w.vectors[SUMMAND_BY_V], w.vectors[STEP_TWIST]
     c, a = w.stumpff, w.tangent
     for r in range(6):
-        xi1[r] = t.reference[i, r]
-        xi2[r] = t.reference[i, r]
+        xi1[r] = rest[0, r]
+        xi2[r] = rest[1, r]
         xd1[r] = xd2[r] = eta1[r] = eta2[r] = 0.0
     strain_at(t, i, shape, 0, q, xi1)
     strain_at(t, i, shape, 1, q, xi2)
@@ -135,7 +135,7 @@ def magnus_step(t: Tables, w: Work, i: int, step: SubInterval, motion: Motion, a
 @inner
 def _add_columns(t: Tables, w: Work, i: int, step: SubInterval, at: CrossSection) -> None:
     """B1 += Ad_g T dOmega/dq, strain by strain; neighbours of one strain share X_1 and X_2."""
-    h, shape = step
+    h, shape, _ = step
     R, p, B1 = at
     k = _COMMUTATOR * h * h
     xi1, xi2, omega = w.vectors[STRAIN_1], w.vectors[STRAIN_2], w.vectors[EXPONENT]

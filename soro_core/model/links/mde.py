@@ -135,9 +135,9 @@ def terms(t: Tables, masses: Masses, q: Array, qd: Array, out: MdeTerms) -> None
     y = begin_pass(t, CrossSection(np.empty((3, 3)), np.empty(3), out.J), out.M, out.C, out.G)
     for i in range(t.length.shape[0]):
         h = t.length[i] / t.steps
-        of = MdeSlice(masses.link[i] / t.steps, 0.25 * t.radius[i] * t.radius[i], masses.gravity)
+        of = MdeSlice(masses.link[i] / t.steps, t.gyration[i, 0], masses.gravity)
         for k in range(t.steps):
-            ralston(t, i, SubInterval(h, t.shape[k]), of, (q, qd), y)
+            ralston(t, i, SubInterval(h, t.shape[k], t.reference[k, i]), of, (q, qd), y)
     body_columns(n_q, qd, y.R, y.p, y)
     if masses.tip > 0.0:
         _accumulate(n_q, MdeSlice(masses.tip, 0.0, masses.gravity), y.R, y)
@@ -147,7 +147,7 @@ def terms(t: Tables, masses: Masses, q: Array, qd: Array, out: MdeTerms) -> None
 def strain(t: Tables, i: int, shape: Array, point: int, q: Array, xi: Array) -> None:
     """xi <- xi_0 + B q of link i at one of the two points of a step."""
     for r in range(6):
-        xi[r] = t.reference[i, r]
+        xi[r] = t.reference[0, i, 0, r]
     strain_at(t, i, shape, point, q, xi)
 
 
@@ -156,7 +156,7 @@ def ralston(
     t: Tables, i: int, step: SubInterval, of: MdeSlice, motion: tuple[Array, Array], y: MdePass
 ) -> None:
     """One step along link i: y + h (k(s, y) + 3 k(s + 2h/3, y + 2h/3 k)) / 4; `motion` is (q, qd)."""
-    h, shape = step
+    h, shape, _ = step
     q, qd = motion
     R, p, B1, B2, V = y.R, y.p, y.B1, y.B2, y.V
     n = t.offset[i + 1]

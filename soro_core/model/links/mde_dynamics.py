@@ -113,9 +113,9 @@ def kinematics(t: Tables, w: Work, site: Site, q: Array, at: CrossSection) -> No
         last = i == site.link
         h = t.length[i] / t.steps
         for k in range(site.whole if last else t.steps):
-            ralston(t, i, SubInterval(h, t.shape[k]), massless, (q, qd), y)
+            ralston(t, i, SubInterval(h, t.shape[k], t.reference[k, i]), massless, (q, qd), y)
         if last and site.step > 0.0:
-            ralston(t, i, SubInterval(site.step, site.shape), massless, (q, qd), y)
+            ralston(t, i, SubInterval(site.step, site.shape, site.rest), massless, (q, qd), y)
     body_columns(q.shape[0], qd, y.R, y.p, y)
 
 

@@ -228,6 +228,47 @@ def test_a_law_that_does_not_load_is_one_line_with_the_others(entry):
         config(law="number")
 
 
+PACKAGE = {
+    "__init__.py": "from NAME.law import Mine\n",
+    "law.py": "from NAME.helper import force\n"
+    + FILE.replace("gravity_force(q) +", "gravity_force(q) + force(q) +"),
+    "helper.py": "def force(q):\n    return q[7]\n",
+}
+
+
+@pytest.fixture
+def package(entry, monkeypatch, tmp_path):
+    """Writes a package of three files with a law, named by an entry point."""
+    monkeypatch.syspath_prepend(str(tmp_path))
+
+    def write(name, **files):
+        (tmp_path / name).mkdir()
+        for file, text in (PACKAGE | {f"{file}.py": text for file, text in files.items()}).items():
+            (tmp_path / name / file).write_text(text.replace("NAME", name))
+        entry(name, f"{name}:Mine")
+        return name
+
+    return write
+
+
+def test_an_error_in_a_law_of_a_package_names_law_file_and_line(package):
+    with refused("law", package("helped_law"), names=("IndexError", "(helper.py, line 2)")):
+        Controller(ROBOT, config(law="helped_law"))
+
+
+@pytest.mark.parametrize(
+    ("helper", "names"),
+    [
+        ("import no_such_package\n", ("no_such_package", "(helper.py, line 1)")),
+        ("import sys\nsys.exit(3)\n", ("SystemExit: 3", "(helper.py, line 2)")),
+    ],
+)
+def test_a_package_that_does_not_load_is_named_with_file_and_line(package, helper, names):
+    name = package(f"law_that_has_{'exited' if 'exit' in helper else 'no_package'}", helper=helper)
+    with refused("law", name, names=("adaptive", *names)):
+        config(law=name)
+
+
 def test_shipped_files_are_of_a_law_and_its_keys_are_its_own():
     shipped = load(find_config("adaptive_three_bellow", "controllers"), ControllerConfig)
     assert (shipped.law, dict(shipped.law_options)) == ("adaptive", {})

@@ -151,3 +151,23 @@ def test_without_undriven_coordinates_the_state_is_the_estimated_one():
     moved, rate = controller.law.setting.moved(belief, Preview(point, point, 0.02))
     np.testing.assert_array_equal(moved, q + 0.02 * qd)
     np.testing.assert_array_equal(rate, qd)
+
+
+def test_the_reference_ahead_has_the_shape_of_what_no_chamber_moves():
+    robot = load_robot(find_config("tue_three_bellow", "robots"))
+    model = Discretisation(basis="legendre", order=1)
+    controller, seen = Controller(robot, parse({"law": "composite"}, ControllerConfig, "test"), model), []
+    step = controller.law.step
+
+    def noted(state, belief, reference, dt):
+        seen.append(reference)
+        return step(state, belief, reference, dt)
+
+    controller.law.step = noted
+    state, zero = controller.initial_state(), np.zeros(controller.arm.n_q)
+    for k in range(20):
+        state, _ = controller.step(state, zero, zero, 0.005 * k, 0.005, np.zeros(3))
+    last = seen[-1]
+    np.testing.assert_allclose(last.at(last.ahead_s).q, last.ahead.q, atol=1e-12)
+    np.testing.assert_allclose(last.at(0.0).q, last.now.q, atol=1e-12)
+    assert np.abs(state.shape.offset).max() > 1e-3

@@ -51,6 +51,27 @@ def bellows(**keys: Any) -> SoftArm:
     return SoftArm(robot_from_dict({"links": [link]}))
 
 
+def helix(viscosity: float = 300.0, **keys: Any) -> SoftArm:
+    """One link of linear strains that tapers, with chambers; a helix at rest that winds up to its tip."""
+    link = {
+        "length": LENGTH,
+        "sections": [
+            {"place": 0.0, "radius": 0.015, "stiffness": 1.0, "rest_curvature_per_m": [3.0, -1.0]},
+            {"place": 0.08, "radius": 0.012, "stiffness": 1.5, "rest_curvature_per_m": [6.0, 2.0]},
+            {"place": LENGTH, "radius": 0.007, "stiffness": 0.8, "rest_curvature_per_m": [12.0, 1.0]},
+        ],
+        "rest_torsion_per_m": 15.0,
+        "density": 1100.0,
+        "strains": {
+            name: {"basis": "legendre", "order": 1} for name in ("elongation", "bending_x", "bending_y")
+        },
+        "material": {"youngs_modulus": 2e5, "shear_modulus": 7e4, "viscosity": viscosity},
+        "chambers": [{"angle_rad": a, "area_m2": 3e-5, "offset_m": 0.004} for a in (0.0, 2.1, 4.2)],
+        **keys,
+    }
+    return SoftArm(robot_from_dict({"links": [link], "base_quaternion": [1.0, 0.0, 0.0, 0.0]}))
+
+
 def bent(arm: SoftArm, elongation: float = 0.0) -> np.ndarray:
     """Bent evenly, out of one plane: curvatures of 4 and 1.2 1/m."""
     return np.tile([elongation, 4.0, 1.2], arm.n_q // 3)

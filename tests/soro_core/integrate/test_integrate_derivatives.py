@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from rods import bellows, bent, rod
+from rods import bellows, bent, helix, rod
 
 from soro_core.errors import ModelError
 from soro_core.integrate import STEPPERS, State, make_stepper
@@ -62,6 +62,15 @@ def test_of_a_step_with_losses_and_chambers(name):
     state, p, scale = moving(arm)
     # The error control of dopri5 divides longer steps.
     found = errors(make_stepper(name, arm), state, p, 1e-4 if name == "dopri5" else 1e-3, scale, WRENCH)
+    assert max(found.values()) < ALLOWED, found
+
+
+@pytest.mark.parametrize("name", ["trapezoidal", "tr_bdf2", "rk4"])
+def test_of_links_that_taper_and_are_bent_at_rest(name):
+    """A helix with chambers, of varying strain."""
+    arm = helix()
+    state, p, scale = moving(arm)
+    found = errors(make_stepper(name, arm), state, p, 2e-4, scale, WRENCH)
     assert max(found.values()) < ALLOWED, found
 
 

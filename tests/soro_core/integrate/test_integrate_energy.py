@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from rods import IMPLICIT, LENGTH, bellows, bent, energies, growth, rod, scale, stored
+from rods import IMPLICIT, LENGTH, bellows, bent, energies, growth, helix, rod, scale, stored
 
 from soro_core import SoftArm, simulate
 from soro_core.integrate import stepper
@@ -110,6 +110,32 @@ def test_varying_strain_gains_no_energy(name, dt, method):
     result = simulate(arm, q0, t_end=50 * dt, dt=dt, integrator=name)
     assert result.status.ok
     assert growth(energies(arm, result)) <= ROUND_OFF * scale(arm, result)
+
+
+@pytest.mark.parametrize("name", DISSIPATIVE)
+@pytest.mark.parametrize("dt", [1e-3, 5e-3])
+def test_links_that_taper_and_are_bent_at_rest_gain_no_energy(name, dt):
+    """From far off their helix, under a constant pressure."""
+    arm, pressure = helix(viscosity=0.0), [5e3, 0.0, 1e4]
+    result = simulate(
+        arm, [0.02, 0.05, 8.0, -5.0, -6.0, 4.0], t_end=50 * dt, dt=dt, integrator=name, pressure=pressure
+    )
+    assert result.status.ok
+    y = stored(arm, result, pressure)
+    assert np.ptp(y) > 0.0
+    assert growth(y) <= ROUND_OFF * scale(arm, result)
+
+
+def test_midpoint_keeps_the_energy_of_a_tapered_helix():
+    """Of second order in the step."""
+    drift = []
+    for dt in (2e-4, 1e-4):
+        arm = helix(viscosity=0.0, chambers=[])
+        result = simulate(arm, [0.01, 0.01, 3.0, -1.0, -2.0, 1.0], t_end=0.1, dt=dt, integrator="midpoint")
+        assert result.status.ok
+        drift.append(np.ptp(energies(arm, result)) / scale(arm, result))
+    assert drift[0] < 1e-3
+    assert drift[1] < 0.4 * drift[0]
 
 
 # Where the energy is stored besides, or a constant pressure does work; each swings with hardly any loss.

@@ -64,6 +64,7 @@ class Record:
     estimates: np.ndarray
     names: tuple
     saturated: np.ndarray
+    cpu_us: np.ndarray
     statuses: tuple = ()
     counts: object = None
     notes: dict = field(default_factory=dict)
@@ -225,6 +226,7 @@ def run(robot, setup: Setup) -> Record:
             "q_d": tick.command.reference.q,
             "estimates": list(tick.command.estimates.values()),
             "saturated": tick.command.saturated,
+            "cpu_us": tick.cpu_us,
         }
         for tick in ticks
     ]

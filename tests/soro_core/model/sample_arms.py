@@ -59,14 +59,17 @@ def chambers(rng: np.random.Generator, **keys: Any) -> list[dict[str, Any]]:
 
 
 def random_robot(seed: int, n_links: int | None = None) -> Robot:
-    """Chain of links with laws or material, any base, any gravity."""
-    rng = np.random.default_rng(seed)
+    """Chain of links with laws or material, any base, any gravity; some are bent and twisted at rest."""
+    rng, at_rest = np.random.default_rng(seed), np.random.default_rng([seed, 1])
     links = []
     for _ in range(n_links or int(rng.integers(1, 5))):
         if rng.random() < 0.5:
             links.append(law_link(rng, chambers=chambers(rng)))
         else:
             links.append(material_link(rng, SETS[int(rng.integers(len(SETS)))]))
+        if at_rest.random() < 0.3:
+            bend, torsion = at_rest.normal(size=2) * 5.0, float(at_rest.normal()) * 5.0
+            links[-1] |= {"rest_curvature_per_m": list(bend), "rest_torsion_per_m": torsion}
     quaternion = rng.normal(size=4)
     return robot_from_dict(
         {

@@ -5,6 +5,7 @@ import pytest
 from differences import extrapolated, worst
 from outside_arms import PLANE, arm_of, state_of
 from sample_arms import chambers, random_robot, random_state
+from shaped_arms import shaped_arm
 
 from soro_core import SoftArm, load_robot, robot_from_dict
 from soro_core.errors import ModelError
@@ -78,7 +79,9 @@ def mixed_arm():
     return SoftArm(robot_from_dict(robot | {"base_quaternion": [0.1, 0.7, 0.1, 0.7]}))
 
 
-@pytest.mark.parametrize("make", [mixed_arm, lambda: arm_of(2, "legendre"), lambda: arm_of(1, "constant")])
+@pytest.mark.parametrize(
+    "make", [mixed_arm, shaped_arm, lambda: arm_of(2, "legendre"), lambda: arm_of(1, "constant")]
+)
 def test_varying_strain_area_losses_and_internal_states(make):
     arm = make()
     z = np.random.default_rng(3).normal(size=arm.n_internal)

@@ -5,7 +5,7 @@ import pytest
 from scipy.special import roots_jacobi
 
 from soro_core.model.build import radau
-from soro_core.robot.bases import _gauss
+from soro_core.robot.bases import gauss
 
 NUMBERS = (1, 2, 3, 5, 8, 16, 32, 64)
 
@@ -20,7 +20,7 @@ def test_nodes_are_real_and_right_to_the_last_digits(n):
 
 
 @pytest.mark.parametrize("n", NUMBERS)
-@pytest.mark.parametrize(("rule", "degree"), [(radau, lambda n: 2 * n - 2), (_gauss, lambda n: 2 * n - 1)])
+@pytest.mark.parametrize(("rule", "degree"), [(radau, lambda n: 2 * n - 2), (gauss, lambda n: 2 * n - 1)])
 def test_rules_are_exact_up_to_their_degree(rule, degree, n):
     places, weights = rule(n)
     power = np.arange(degree(n) + 1)

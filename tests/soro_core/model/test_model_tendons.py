@@ -30,7 +30,10 @@ HELIX = {"angle_rad": 0.4, "offset_m": 0.006, "turns": 0.75}
 def arm_of(tendons, strains=SIX, order=0, links=1, **keys):
     shape = {"basis": "legendre", "order": order} if order else {}
     link = {"length": LENGTH / links, "radius": RADIUS, "density": 1100.0, "material": MATERIAL}
-    whole = {**link, **keys.pop("link", {}), "strains": dict.fromkeys(strains, shape)}
+    own = keys.pop("link", {})
+    if "sections" in own:
+        link.pop("radius")
+    whole = {**link, **own, "strains": dict.fromkeys(strains, shape)}
     return SoftArm(
         robot_from_dict({"gravity": [0, 0, 0], "links": [whole] * links, "tendons": tendons, **keys})
     )
@@ -51,10 +54,21 @@ def route(tendon, s):
     return out, rate * across, -(rate**2) * out
 
 
-@pytest.mark.parametrize("order", [0, 3])
-def test_length_is_that_of_the_curve_in_space_and_the_force_its_gradient(order):
-    tendon = {**HELIX, "turns": -1.5}
-    robot = arm_of([tendon], order=order, base_quaternion=[0.5, 0.5, 0.5, 0.5]).robot
+BENT = {
+    "sections": [
+        {"place": 0.0, "radius": 0.010, "rest_curvature_per_m": [4.0, -2.0], "rest_torsion_per_m": 3.0},
+        {"place": 0.03, "radius": 0.008, "rest_curvature_per_m": [9.0, 1.0], "rest_torsion_per_m": 1.0},
+        {"place": LENGTH, "radius": 0.008, "rest_curvature_per_m": [0.0, 0.0], "rest_torsion_per_m": -2.0},
+    ]
+}
+
+
+@pytest.mark.parametrize(
+    ("order", "turns", "link"), [(0, -1.5, {}), (3, -1.5, {}), (0, 0.0, BENT), (2, 0.75, BENT)]
+)
+def test_length_is_that_of_the_curve_in_space_and_the_force_its_gradient(order, turns, link):
+    tendon = {**HELIX, "turns": turns}
+    robot = arm_of([tendon], order=order, link=link, base_quaternion=[0.5, 0.5, 0.5, 0.5]).robot
     arm = SoftArm(robot, nodes=60)
     q, _ = state_of(arm, 0.6)
 

@@ -47,6 +47,9 @@ BAD = [
     (("links", 0, "length"), True, "links[0].length", "True", "number"),
     (("links", 0, "length"), float("nan"), "links[0].length", "nan", "finite"),
     (("links", 0, "radius"), 0, "links[0].radius", "0", "greater than 0"),
+    (("links", 0, "radius"), REMOVED, "links[0].radius", "0.0", "in each of the sections"),
+    (("links", 0, "rest_curvature_per_m"), [5.0], "links[0].rest_curvature_per_m", "[5.0]", "2 numbers"),
+    (("links", 0, "rest_torsion_per_m"), float("nan"), "links[0].rest_torsion_per_m", "nan", "finite"),
     (("links", 0, "mass"), -1.0, "links[0].mass", "-1.0", "greater than or equal to 0"),
     (("links", 0, "mass"), 0.0, "links[0].mass", "0.0", "above 0"),
     (("links", 0, "mass"), REMOVED, "links[0].mass", "0.0", "mass [kg] or density"),
@@ -302,3 +305,60 @@ def test_material_with_wrong_value():
     del data["links"][0]["k_e"], data["links"][0]["k_b"]
     with refused("links[0].material.viscosity", -1.0):
         robot_from_dict(data)
+
+
+BOTH = [{"place": 0.0, "radius": 0.02}, {"place": 0.1, "radius": 0.01}]
+# (keys of the link, key named in the line, words in what was found, words in what is allowed)
+BAD_SECTIONS = [
+    (
+        {"sections": BOTH, "radius": 0.015},
+        "radius",
+        "0.015",
+        "either one radius, or that of each of the sections",
+    ),
+    ({"sections": [BOTH[0], {**BOTH[1], "radius": 0.0}]}, "sections[1].radius", "0.0", "greater than 0"),
+    ({"sections": [BOTH[0], {**BOTH[1], "radius": -1.0}]}, "sections[1].radius", "-1.0", "greater than 0"),
+    ({"sections": [BOTH[0], {"radius": 0.01}]}, "sections[1].place", "nothing", "required"),
+    ({"sections": BOTH[:1]}, "sections", "[", "two or more places that grow from 0 to the length"),
+    ({"sections": BOTH[::-1]}, "sections", "[", "grow from 0 to the length of the link, 0.1 m"),
+    ({"sections": [BOTH[0], BOTH[0], BOTH[1]]}, "sections", "[", "grow from 0"),
+    ({"sections": [BOTH[0], {**BOTH[1], "place": 0.09}]}, "sections", "[", "the length of the link, 0.1 m"),
+    (
+        {"sections": [BOTH[0], {**BOTH[1], "stiffness": 2.0}]},
+        "sections",
+        "[",
+        "the same ones in each of them",
+    ),
+    ({"sections": [{"place": 0.0}, {"place": 0.1}]}, "sections", "[", "values besides the place"),
+    ({"sections": [{**row, "colour": 1} for row in BOTH]}, "sections[0].colour", "unknown key", "stiffness"),
+    ({"sections": [{"place": s, "mass_per_m": 1.0} for s in (0.0, 0.1)]}, "mass", "0.05", "mass_per_m"),
+    (
+        {
+            "sections": [{"place": s, "rest_torsion_per_m": 1.0} for s in (0.0, 0.1)],
+            "rest_torsion_per_m": 1.0,
+        },
+        "rest_torsion_per_m",
+        "1.0",
+        "either of the link, or of each of the sections",
+    ),
+]
+
+
+@pytest.mark.parametrize(("keys", "key", "got", "allowed"), BAD_SECTIONS)
+def test_a_wrong_section_makes_one_line(tmp_path, keys, key, got, allowed):
+    data = copy.deepcopy(GOOD)
+    data["links"][0] |= keys
+    with pytest.raises(ConfigError) as error:
+        robot_from_dict(data)
+    found, _, wanted = str(error.value).partition("; allowed: ")
+    assert found.startswith(f"robot: links[0].{key}: got ")
+    assert got in found
+    assert allowed in wanted
+    assert "\n" not in found + wanted
+
+
+def test_density_and_mass_per_m_are_not_both_given():
+    link = {**GOOD["links"][0], "density": 1000.0, "mass": 0.0}
+    link["sections"] = [{"place": s, "mass_per_m": 1.0} for s in (0.0, 0.1)]
+    with refused("links[0].mass", 0.0, ("density", "mass_per_m")):
+        robot_from_dict({"links": [link]})

@@ -87,10 +87,9 @@ def check_described(robot: Robot, where: str) -> None:
     refuse_tendons(robot, where)
     low, high = DENSITY
     for index, link in enumerate(robot.links):
-        area, _ = _outside(link)
         if not link.mass > 0.0:
             raise ConfigError(where, f"links[{index}].mass", f"{link.mass:g} kg", "a mass above 0")
-        density = link.mass / (area * link.length)
+        density = link.mass / link.volume
         if not low <= density <= high:
             got = f"{link.mass:g} kg in a link of {link.length:g} m and radius {link.radius:g} m"
             allowed = f"{low:g} to {high:g} kg/m^3 over its round outside; these are {density:.3g}"

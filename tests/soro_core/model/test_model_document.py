@@ -1,4 +1,4 @@
-"""docs/model.md is whole, and soro_core/EQUATIONS.md says which function computes what: all that they name exists."""
+"""docs/model.md says which function computes what: every file and function that it names exists."""
 
 import re
 from pathlib import Path
@@ -7,8 +7,9 @@ ROOT = Path(__file__).resolve().parents[3]
 
 
 def rows():
-    text = (ROOT / "soro_core" / "EQUATIONS.md").read_text(encoding="utf-8")
-    for line in text.splitlines():
+    text = (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+    table = text.split("## Which equation is which function")[1].split("##")[0]
+    for line in table.splitlines():
         cells = [cell.strip() for cell in line.strip("|").split("|")]
         if len(cells) == 4 and ".py`" in cells[2]:
             yield re.findall(r"`([^`]+)`", cells[2]), re.findall(r"`([^`]+)`", cells[3])

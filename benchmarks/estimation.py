@@ -12,8 +12,6 @@ from benchmarks import consistency
 from benchmarks.options import Options
 from benchmarks.report import figure, met, table
 from soro_core import load_robot
-from soro_core.adaptation import Learned
-from soro_core.adaptation.learned import size_of
 from soro_core.estimation import Estimator, PoseSample
 from soro_core.robot import Discretisation
 
@@ -43,7 +41,7 @@ def _measured(estimator: Estimator) -> list[float]:
     """Return the medians of a tick, a prediction, an update and the forward dynamics [us]."""
     arm, filter_, n = estimator.arm, estimator.filter, estimator.arm.n_q
     pressure, rng = np.full(arm.n_u, 1e4), np.random.default_rng(1)
-    learned, rest = Learned(np.zeros(size_of(n))), arm.pose(np.zeros(n), arm.length)
+    learned, rest = filter_.nothing, arm.pose(np.zeros(n), arm.length)
     state = estimator.initial_state()
     times: list[list[float]] = [[], [], [], []]
     for k in range(1, TICKS + 1):

@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +32,7 @@ from benchmarks.identified_asu import (
 from soro_core import SoftArm, load_robot
 from soro_core.arrays import Array
 from soro_core.errors import SoroError
+from soro_core.jobs import Threads, map_jobs
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.parameters import ArmParameter, numbers_of, with_numbers
 from soro_lab.identification.recording import Recording, read_csv
@@ -83,15 +84,15 @@ def fit(robot: Robot, numbers: Sequence[ArmParameter], runs: Sequence[Recording]
     def residuals(x: Array) -> Array:
         try:
             arm = SoftArm(changed(robot, numbers, x))
-            with ThreadPoolExecutor() as pool:
-                parts = list(pool.map(lambda run: errors(arm, run), runs))
+            parts = list(map_jobs(partial(errors, arm), runs, threads))
         except SoroError:
             return np.full(size + len(x), HOPELESS)
         return np.concatenate([*parts, x])
 
-    return least_squares(
-        residuals, np.zeros(len(numbers)), diff_step=1e-3, x_scale=0.3, ftol=1e-4, max_nfev=30
-    )
+    with Threads() as threads:
+        return least_squares(
+            residuals, np.zeros(len(numbers)), diff_step=1e-3, x_scale=0.3, ftol=1e-4, max_nfev=30
+        )
 
 
 def session(name: str) -> str:

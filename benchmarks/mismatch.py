@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks import mismatched_arms
-from benchmarks.judged_loop import Outcome, outcome, ticks_of
+from benchmarks.judged_loop import Outcome, outcome
 from benchmarks.mismatched_robots import (
     four_chambers,
     four_uneven,
@@ -26,10 +26,10 @@ from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core.adaptation.kept import KeptNumbers, keep
 from soro_core.config import with_changes
-from soro_core.loop import Tick
 from soro_core.robot import Robot, load_robot
 from soro_lab.scene import Scene, load_scene
 from soro_ros.recordings.report import WINDOW_S
+from soro_ros.study.closed_loop import ticks_of
 
 TITLE = "Mismatch: arms that differ from their file"
 LAWS = ("composite", "adaptive")
@@ -135,19 +135,16 @@ def scene_of(case: Case, law: str, seed: int, folder: Path) -> Scene:
     return load_scene(case.scene, keys)
 
 
-def square_of(tick: Tick[Any, Any]) -> float:
-    """Return the square of the tip error [m^2]."""
-    missed = tick.seen.tip[:3, 3] - tick.command.tip_reference[:3, 3]
-    return float(missed @ missed)
-
-
 def opening(scene: Scene) -> tuple[list[float], KeptNumbers]:
     """Return the RMS of the tip error, part of the length, in two spans of the law, and what was kept."""
     squares = []
     for tick in ticks_of(scene):
-        if not tick.command.status.note.startswith("probing"):
-            squares.append(square_of(tick))
-    kept = keep(scene.loaded_robot, tick.command.estimates, tick.command.deviations())
+        command = tick.command
+        assert command is not None
+        if command.terms is not None:  # the law has begun
+            missed = tick.seen.tip[:3, 3] - command.tip_reference[:3, 3]
+            squares.append(float(missed @ missed))
+    kept = keep(scene.loaded_robot, command.estimates, command.deviations())
     cuts = [round(t * scene.rate_hz) for t in (0.0, *OPENING_S)]
     means = [float(np.mean(squares[a:b])) for a, b in pairwise(cuts)]
     return [float(np.sqrt(mean)) / scene.loaded_robot.length for mean in means], kept

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import re
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
-from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
-from benchmarks.judged_loop import Outcome, outcome, ticks_of
+from benchmarks.judged_loop import Outcome, outcome
 from benchmarks.mismatched_robots import relinked, scaled, varying, write_robot
 from benchmarks.options import Options
 from benchmarks.report import table
@@ -22,10 +20,13 @@ from benchmarks.timing import all_cores
 from soro_core import SoftArm
 from soro_core.adaptation.chamber_gains import NAMED_PART
 from soro_core.config import with_changes
+from soro_core.errors import SoroError
+from soro_core.jobs import Processes, map_jobs
 from soro_core.robot import Robot, load_robot
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_exp
 from soro_lab.scene import Scene, load_scene
 from soro_ros.recordings.report import WINDOW_S
+from soro_ros.study.closed_loop import ticks_of
 
 # Bounds of what is drawn: relative gains; area slope; parts of the bending stiffness in a creep branch and in
 # a Dahl element, time of the first [s] and range of the second [1/m]; tilt [deg]; payload [kg]; curvature of
@@ -181,11 +182,12 @@ def is_refused(number: int) -> bool:
     with TemporaryDirectory() as folder:
         scene = scene_of(drawn(number), number, Path(folder))
         control = with_changes(scene.controller, probe_at_enable="refuse")
-        over = False
-        for tick in ticks_of(with_changes(scene, controller=control)):
-            if over:
-                return tick.command.terms is None
-            over = not tick.command.status.note.startswith("probing")
+        try:
+            for tick in ticks_of(with_changes(scene, controller=control)):
+                if tick.command is not None and tick.command.terms is not None:  # the law has begun
+                    return False
+        except SoroError:
+            return True
     return True
 
 
@@ -233,8 +235,8 @@ def _apart(gain: Sequence[float]) -> float:
 
 def _all(numbers: Sequence[int], say: Callable[[str], None]) -> Iterator[Judged]:
     """Yield the arms in their order; each core has one of them at a time."""
-    with all_cores(), ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
-        for number, found in zip(numbers, pool.map(judged, numbers), strict=True):
+    with all_cores(), Processes() as executor, closing(map_jobs(judged, numbers, executor)) as every:
+        for number, found in zip(numbers, every, strict=True):
             causes = f"right: {', '.join(found.right)}; wrong: {', '.join(found.wrong)}"
             say(f"random arm {number}: {100 * found.found.error:.2f} %, {found.found.verdict.word}; {causes}")
             yield found

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from difflib import get_close_matches
 from pathlib import Path
 
@@ -11,7 +11,16 @@ LONGEST = 80
 
 
 class SoroError(Exception):
-    """Base of all errors that a user can cause or mend."""
+    """Base of all errors that a user can cause or mend; they pass from process to process as they are."""
+
+    def __reduce__(self) -> tuple[Callable[..., SoroError], tuple[object, ...]]:
+        return _received, (type(self), self.args, vars(self))
+
+
+def _received(kind: type[SoroError], args: tuple[object, ...], values: dict[str, object]) -> SoroError:
+    error = kind.__new__(kind, *args)
+    vars(error).update(values)
+    return error
 
 
 # What is said of a parameter that a running node cannot take over.

@@ -56,6 +56,7 @@ _GROUPS = {
         "reach": "soro_lab.commands.reach:reach",
         "place-sensors": "soro_lab.commands.place_sensors:place_sensors",
         "trade": "soro_lab.commands.trade:trade",
+        "study": "soro_ros.study.command:study",
     },
     "Valves and regulators": {
         "emulate": "soro_hardware.commands.emulate:emulate",
@@ -124,7 +125,7 @@ def application(begin: Callable[[], None] = lambda: None, needed: set[str] | Non
 
     def print_version(is_asked: bool) -> None:
         if is_asked:
-            from soro_ros.host.versions import soro_version
+            from soro_core.jobs.versions import soro_version
 
             typer.echo(f"soro {soro_version()}")
             raise typer.Exit

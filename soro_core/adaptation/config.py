@@ -49,6 +49,13 @@ class LearnerConfig(Strict):
         le=100,
         description="largest mass at the tip beyond the robot file's; default: six times the arm's mass",
     )
+    damping_std: float = Field(
+        0.3,
+        gt=0,
+        le=10,
+        description="prior deviation of the damping of the stretch and of the bend of a link, as a part of "
+        "the critical one",
+    )
     gain_std: float = Field(
         0.015, gt=0, le=1, description="prior deviation of a chamber's gain from the mean of its link"
     )
@@ -68,6 +75,9 @@ class LearnerConfig(Strict):
     )
     low_pass_per_s: float = Field(5.0, gt=0, le=1e3, description="low-pass of both sides [rad/s]")
     forget_s: float = Field(4.0, gt=0, le=1e4, description="time after which samples are forgotten")
+    damping_forget_s: float = Field(
+        8.0, gt=0, le=1e4, description="the same of the damping, however large the residual"
+    )
     forget_factor: float = Field(
         8.0, ge=0, le=1e3, description="how much faster they are forgotten while the residual is large"
     )

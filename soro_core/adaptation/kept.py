@@ -20,18 +20,19 @@ from soro_core.robot import Robot
 
 FILE = "learned.yaml"
 # It changes with the meaning of the numbers.
-_VERSION: Final = 1
+_VERSION: Final = 2
 _HEAD = (
     "# What was learned of the arm until the end of a run: of each number its value and its deviation.\n"
-    "# soro run SCENE --learn-from FILE starts from gains, area slopes and stiffness (NAME/by NAME); the\n"
-    "# rest belongs to the load and the motion of that run (docs/control.md, Keep what was learned).\n"
+    "# soro run SCENE --learn-from FILE starts from gains, area slopes, damping and stiffness\n"
+    "# (NAME/by NAME); the rest belongs to the load and the motion of that run (docs/control.md, Keep what\n"
+    "# was learned).\n"
 )
 
 
 class KeptNumbers(Strict):
     """The learned numbers of one robot, as the law `composite` names them."""
 
-    version: Literal[1] = Field(description="version of this file")
+    version: Literal[2] = Field(description="version of this file")
     robot: str = Field(description="name of the robot")
     digest: str = Field(description="digest of the robot file's numbers and of how its links are divided")
     numbers: Mapping[str, Floats] = Field(description="value and deviation of each number, by name")
@@ -166,4 +167,4 @@ def digest_of(robot: Robot) -> str:
 def _is_of_arm(name: str) -> bool:
     """Whether a number is the arm's: not of the load, and not right on the motion of its run alone."""
     of, by, own = name.partition("/by ")
-    return of == own if by else name.endswith(("/gain", "/area_slope"))
+    return of == own if by else name.endswith(("/gain", "/area_slope", "_damping"))

@@ -9,8 +9,8 @@ from soro_core.adaptation.scales import Scales
 from soro_core.arrays import Array
 
 
-def size_of(n_q: int) -> int:
-    """Return the number of learned values for `n_q` coordinates: one mass, and W row by row."""
+def first_damping(n_q: int) -> int:
+    """Return where the damping begins in the learned values for `n_q` coordinates: behind mass and W."""
     return 1 + n_q * (n_q + 1)
 
 
@@ -20,8 +20,9 @@ class Learned:
 
     Attributes
     ----------
-    theta : ndarray (1 + n_q (n_q + 1),)
-        Mass at the tip beyond the robot file's [kg], then W row by row, without unit.
+    theta : ndarray (1 + n_q (n_q + 1) + dampings,)
+        Mass at the tip beyond the robot file's [kg], then W row by row, without unit, then retardation times
+        [s], see `DampingModel`.
     """
 
     theta: Array
@@ -33,23 +34,27 @@ class Learned:
 
     def weights(self, n_q: int) -> Array:
         """Return W (n_q, n_q + 1); its columns multiply phi = (1, q / q_scale)."""
-        return self.theta[1:].reshape(n_q, n_q + 1)
+        return self.theta[1 : first_damping(n_q)].reshape(n_q, n_q + 1)
 
-    def usable(self, n_q: int) -> bool:
-        """Whether it is one of `n_q` coordinates, and finite."""
+    def damping_s(self, n_q: int) -> Array:
+        """Return the retardation times (dampings,) [s]."""
+        return self.theta[first_damping(n_q) :]
+
+    def usable(self, size: int) -> bool:
+        """Whether it has so many values, and all are finite."""
         theta = self.theta
-        if theta.shape != (size_of(n_q),):
+        if theta.shape != (size,):
             return False
         # The sum of squares says yes at once; it is infinite too where finite values are very large.
         return math.isfinite(theta @ theta) or all(map(math.isfinite, theta.tolist()))
 
     def with_force(self, q: Array, force: Array, by_q: Array, scales: Scales) -> Learned:
         """Return it with a force (n_q,) at coordinates q (n_q,), and its change (n_q, n_q) by them, in W."""
-        theta, n = self.theta.copy(), q.size
-        weights = theta[1:].reshape(n, n + 1)
+        found = Learned(self.theta.copy())
+        weights = found.weights(q.size)
         weights[:, 0] += (force - by_q @ q) / scales.force  # at the origin
         weights[:, 1:] += by_q * scales.q / scales.force[:, None]
-        return Learned(theta)
+        return found
 
     def scaled(self, share: float) -> Learned:
         """Return this part of it."""

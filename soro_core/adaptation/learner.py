@@ -1,6 +1,6 @@
 """A learner driven by the prediction error: recursive least squares on what the measured pressures make.
 
-r = H(q) p - [M qdd + C qd + G + f_e + R qd + creep] = Y_m m + U W phi(q) + d(q, m)
+r = H(q) p - [M qdd + C qd + G + f_e + R qd + creep] = Y_m m + U W phi(q) + R_t qd + d(q, m)
 
 Measured pressures say what force acts, so the lag of the regulators does not enter. Both sides pass one
 low-pass. The information about theta grows with each sample, weighed by its noise S = sigma^2 I + B P B', B
@@ -19,15 +19,16 @@ import numpy as np
 from soro_core.adaptation.bounds import bounded_minimum
 from soro_core.adaptation.chamber_gains import NAMED_DEVIATIONS, NAMED_PART, chamber_model
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
+from soro_core.adaptation.damping import MOST_S
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.kept import KeptNumbers
 from soro_core.adaptation.kernel.information import LearningRule, RuleFields, gain
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.nonuniform_force import NonuniformForce
-from soro_core.arrays import Array
+from soro_core.arrays import Array, Integers
 from soro_core.frozen import replaced
-from soro_core.linear import block_diagonal, inverse
+from soro_core.linear import inverse
 from soro_core.model.checks import fault
 from soro_core.model.dynamics import GOOD, NOT_FINITE
 from soro_core.model.entries import make_box
@@ -78,7 +79,7 @@ class LearnerState:
     Attributes
     ----------
     learned : Learned
-        Mass and W in force.
+        Mass, W and damping in force.
     chambers : ndarray
         Relative gains and slopes of the chambers in force, see `ChamberModel`.
     information, moment : ndarray (size, size), (size,)
@@ -146,29 +147,35 @@ class Learner:
     ) -> None:
         self.arm, self.force = arm, LearnedForce(arm, pieces)
         self.config = config = complete_learner(config, arm, self.force.scales.force)
-        weights = self.force.size - 1
+        damping = self.force.damping
+        weights = self.force.size - 1 - damping.size
         deviation = np.concatenate([[config.mass_std_kg], np.full(weights, config.weight_std)])
         self.chambers = chamber_model(arm, config.gain_std, config.slope_std, self.force.scales.q)
         self.size = self.force.size + self.chambers.size
         self.slope = self._slope()
-        self.load_prior = np.diag(deviation**-2)
+        self.load_prior, self.damping_std = np.diag(deviation**-2), config.damping_std * damping.critical_s
         self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         bound = np.full(weights, config.weight_bound)
-        self.lower = np.concatenate([[config.mass_lower_kg], -bound, self.chambers.lower])
-        self.upper = np.concatenate([[config.mass_upper_kg], bound, self.chambers.upper])
+        self.lower = np.concatenate([[config.mass_lower_kg], -bound, damping.lower, self.chambers.lower])
+        most = np.full(damping.size, MOST_S)
+        self.upper = np.concatenate([[config.mass_upper_kg], bound, most, self.chambers.upper])
         self.names = ("tip_mass", *self.force.names, *self.chambers.names)
         self.start = np.zeros(self.size)
         if kept is not None:
             self.start = kept.start(arm.robot, self.names, self.lower, self.upper)
-        self.prior = self._prior(self.start, self.start[self.force.size :])
+        self.prior = self._prior(self.start, self.start)
+        lasting = slice(len(self.load_prior), self.force.size)
         self._rule = LearningRule(
             config.low_pass_per_s,
             config.forget_s,
+            config.damping_forget_s,
             config.forget_factor,
             config.mass_walk_per_s * config.mass_std_kg**2,
             self.prior,
             config.noise**2 * np.eye(arm.n_q),
             self.slope,
+            self._order(),
+            *((bound - self.start)[lasting] for bound in (self.lower, self.upper)),
         )
         self._box = make_box(arm.tables)
         zero = np.zeros(arm.n_q)
@@ -183,7 +190,7 @@ class Learner:
             Mean of the prior. Default: the numbers that an earlier run kept, or 0.
         """
         start = self.start if start is None else start
-        prior = self._prior(start, start[self.force.size :])
+        prior = self._prior(start, start)
         return LearnerState(
             **self._parts(start),
             information=prior.copy(),
@@ -210,15 +217,26 @@ class Learner:
         start[own] = np.where(np.isin(link, link[is_other]), within, start[own])
         return self.initial_state(start)
 
-    def _prior(self, start: Array, chambers: Array, doubts_areas: bool = False) -> Array:
-        """Return A_0 (size, size) for a start and such values of the chambers.
+    def _prior(self, start: Array, theta: Array, doubts_areas: bool = False) -> Array:
+        """Return A_0 (size, size) for a start and such values of damping and chambers.
 
         Values that were kept or measured are in doubt by their own size, as at the end of a run that learned
-        them: a file of another day is overcome as fast as the first one was.
+        them: a file of another day is overcome as fast as the first one was. Damping has long tails as the
+        chambers have: who has guessed one of them has guessed all.
         """
-        kept = start[self.force.size :]
-        far = np.maximum(np.abs(kept), np.abs(chambers - kept))
-        return block_diagonal(self.load_prior, self.chambers.prior(far, doubts_areas))
+        load, size = len(self.load_prior), self.force.size
+        far = np.maximum(np.abs(start[load:]), np.abs(theta[load:] - start[load:]))
+        prior = np.zeros((self.size, self.size))
+        prior[:load, :load] = self.load_prior
+        prior[load:size, load:size] = self.force.damping.prior(self.damping_std, far[: size - load])
+        prior[size:, size:] = self.chambers.prior(far[size - load :], doubts_areas)
+        return prior
+
+    def _order(self) -> Integers:
+        """Return the order of the values for the learning rule: what lasts, the damping, at the end."""
+        first, behind = len(self.load_prior), self.force.size
+        parts = np.arange(first), np.arange(behind, self.size), np.arange(first, behind)
+        return np.concatenate(parts).astype(np.int64)
 
     def _parts(self, theta: Array) -> dict[str, Any]:
         """Return all learned values as the fields of a state."""
@@ -261,7 +279,7 @@ class Learner:
                 covariance,
             ),
             (unmodelled.q, unmodelled.mass_kg, unmodelled.force, unmodelled.by_mass, unmodelled.by_q),
-            (scales.force, scales.q),
+            (scales.force, scales.q, self.force.damping.number, self.force.damping.matrix),
             part,
             (residual, of_force),
         )
@@ -275,13 +293,15 @@ class Learner:
         of_chambers = self.chambers.regressor(sample.q, self.arm.acting_pressure(sample.pressure_pa))
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
-        prior, start = self._prior(state.start, state.chambers, state.doubts_areas), state.start
+        start, known = state.start, np.concatenate([state.learned.theta, state.chambers])
+        prior = self._prior(start, known, state.doubts_areas)
         information, moment = state.information + (prior - state.prior), state.moment.copy()
         # What is learned is the difference from the start, to which it returns.
-        theta = np.concatenate([state.learned.theta, state.chambers]) - start
+        theta = known - start
         rule: RuleFields = self._rule._replace(prior=prior)[:]
         sides = residual - regressor @ start, regressor
-        is_determined = gain(rule, dt, covariance, sides, (information, moment), theta)
+        after = np.empty_like(information), np.empty_like(moment)
+        is_determined = gain(rule, dt, covariance, sides, (information, moment, *after), theta)
         if not is_determined:  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
         room = self.lower - start, self.upper - start
@@ -297,8 +317,8 @@ class Learner:
         return replaced(
             state,
             **parts,
-            information=information,
-            moment=moment,
+            information=after[0],
+            moment=after[1],
             prior=prior,
             residual=residual,
             regressor=regressor,

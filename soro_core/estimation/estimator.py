@@ -142,7 +142,7 @@ class Estimator:
         late_s = self.config.lost_after_s
         # Whether what is fused has positions in it; without any sample nothing speaks against them.
         placed = not (state.t_s - state.position_s > late_s >= state.t_s - state.last_s)
-        if learned is not None and not learned.usable(self.arm.n_q):
+        if learned is not None and not learned.usable(self.filter.nothing.theta.size):
             learned = None
             tick.count("learned")
         if learned is not None:

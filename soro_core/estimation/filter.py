@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from soro_core._box import Box
-from soro_core.adaptation.learned import size_of
+from soro_core.adaptation.learned import Learned, first_damping
 from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_core.estimation.config import EstimatorConfig
@@ -89,7 +89,8 @@ class Filter:
         self.n_d = self.settings.n_d
         self.box = _box_of(arm, self.settings)
         self.mean_strain = mean_strain_of(arm, pieces)
-        self._nothing = np.zeros(size_of(self.n))
+        # Nothing learned.
+        self.nothing = Learned(np.zeros(first_damping(self.n) + self.settings.damping_number.max() + 1))
         self._same = np.eye(self.n)
         self._unknown = np.full(N_RECORD, np.nan)  # no sample, and so no outliers and the stated noise
         self._unknown[REFUSED] = 0.0
@@ -190,7 +191,7 @@ class Filter:
 
     def _load(self, known: LearnedInput) -> entries.Known:
         """Return the learned model in force and its share."""
-        return (self._nothing, 0.0) if known.learned is None else (known.learned.theta, known.share)
+        return (self.nothing.theta, 0.0) if known.learned is None else (known.learned.theta, known.share)
 
     def _expect(self, belief: Belief, pressure_pa: Array, s: float, share: float) -> None:
         """Set what an IMU sample is compared with; non-uniform strain comes and goes with the learned load.
@@ -231,8 +232,9 @@ def _values(sample: Sample) -> tuple[int, Array, Array, Array]:
 
 
 def _box_of(arm: SoftArm, settings: FilterSettings) -> Box:
-    """Return arm and filter for the kernels; its mass at the tip is its own."""
-    tables = arm.tables._replace(tip_mass=arm.tables.tip_mass.copy())
+    """Return arm and filter for the kernels; its mass at the tip and its damping are its own."""
+    own = {name: getattr(arm.tables, name).copy() for name in ("tip_mass", "damping")}
+    tables = arm.tables._replace(**own)
     n_wrench = len(flat_wrench(arm.robot, None))
     try:
         refuse_underivable(arm.robot, arm.method)

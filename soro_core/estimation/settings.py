@@ -13,6 +13,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.special import chdtri
 
+from soro_core.adaptation.damping import damping_model
 from soro_core.adaptation.scales import scales_of
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError
@@ -40,6 +41,7 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -
     fields, n = strain_fields(arm.robot), arm.n_q
     angle = np.where(fields.stretch, 1.0, fields.length)
     q_unit, force_unit = _units(arm, pieces)
+    losses = damping_model(arm, pieces)
     pose, imu = config.pose, config.imu
     kinematics = 3 * [pose.position_model_std_m**2] + 3 * [pose.orientation_model_std_rad**2]
     gates = [0.0, *(chdtri(k, 1.0 - config.gate_probability) for k in range(1, MOST_ROWS + 1))]
@@ -59,6 +61,9 @@ def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -
         increment=1e-6 / angle / np.sqrt(np.diag(fields.weight)),
         q_unit=q_unit,
         force_unit=force_unit,
+        damping=arm.tables.damping.copy(),
+        damping_number=losses.number,
+        damping_matrix=losses.matrix,
         tip_mass=float(arm.tables.tip_mass[0]),
         tip=find_site(arm.robot, arm.tables, arm.length),
         pose_variance=np.array([pose.position_std_m, pose.orientation_std_rad]) ** 2,

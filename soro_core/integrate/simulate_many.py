@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
+from functools import partial
 from numbers import Integral
 from typing import Any, TypeAlias
 
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError, short
 from soro_core.integrate.simulate import Result, note_range, run_once
+from soro_core.jobs import Executor, given_or_threads, map_jobs
 from soro_core.model import SoftArm
 from soro_core.model.checks import dimensions, shaped
 from soro_core.robot import Robot
@@ -74,12 +76,13 @@ def simulate_many(
     internal0: ArrayLike | None = None,
     cores: int | None = None,
     progress: Callable[[int, int], object] | None = None,
+    executor: Executor | None = None,
     **options: Any,
 ) -> Runs:
     """Simulate many times; each run is that of `simulate`, whatever the number of cores.
 
-    The runs differ in their initial state, their pressures, their arm, or all of them. Threads share what is
-    read: the compiled loop of a run does not hold the interpreter's lock and has a workspace of its own. A
+    The runs differ in their initial state, their pressures, their arm, or all of them. By default threads do
+    them: the compiled loop of a run does not hold the interpreter's lock and has a workspace of its own. A
     pressure that is a function of time is evaluated before its run, on one core at a time.
 
     Parameters
@@ -99,6 +102,9 @@ def simulate_many(
         Number of runs at a time; default all cores that the process may use.
     progress : callable, optional
         Called in this thread after each run in order, with the numbers of runs done and of all runs.
+    executor : Executor, optional
+        Of `soro_core.jobs`, in place of threads: processes, which want functions of a module as pressures,
+        or `executor_of(1, "tcp://host:8786")`, a Dask cluster.
     **options : Any
         The other arguments of `simulate`, for all runs.
 
@@ -133,33 +139,39 @@ def simulate_many(
     if cores is not None and (not isinstance(cores, Integral) or isinstance(cores, bool) or cores < 1):
         raise ModelError(f"cores = {short(cores)}: allowed is a whole number of 1 or more", "cores")
 
-    def run(k: int) -> Result:
-        one = arms[k % len(arms)]
-        try:
-            built = SoftArm(one) if isinstance(one, Robot) else one
-            return run_once(built, starts[k], rates[k], pressure=inputs[k], internal0=states[k], **options)
-        except ModelError as error:
-            raise ModelError(f"run {k}: {error}", error.key) from None
-
-    with ThreadPoolExecutor(cores or _all_cores()) as pool:
-        running = [pool.submit(run, k) for k in range(m)]
-        try:
-            for done, ended in enumerate(running, start=1):  # in order, so that the first error is named
-                ended.result()
-                if progress is not None:
-                    progress(done, m)
-        except BaseException:  # an interrupt too must not wait for the runs that have not begun
-            pool.shutdown(cancel_futures=True)
-            raise
-    found = Runs(ended.result() for ended in running)
+    jobs = (_Job(k, arms[k % len(arms)], starts[k], rates[k], inputs[k], states[k]) for k in range(m))
+    done: list[Result] = []
+    with (
+        given_or_threads(executor, cores) as used,
+        closing(map_jobs(partial(_run, options), jobs, used)) as runs,
+    ):
+        for run in runs:
+            done.append(run)
+            if progress is not None:
+                progress(len(done), m)
+    found = Runs(done)
     note_range(found)
     return found
 
 
-def _all_cores() -> int:
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1
+@dataclass(frozen=True)
+class _Job:
+    """One run."""
+
+    number: int
+    arm: SoftArm | Robot
+    q0: Array
+    qd0: Array
+    pressure: Pressure
+    internal0: Array | None
+
+
+def _run(options: dict[str, Any], job: _Job) -> Result:
+    try:
+        arm = SoftArm(job.arm) if isinstance(job.arm, Robot) else job.arm
+        return run_once(arm, job.q0, job.qd0, pressure=job.pressure, internal0=job.internal0, **options)
+    except ModelError as error:
+        raise ModelError(f"run {job.number}: {error}", error.key) from None
 
 
 def _arms(arm: Any) -> Sequence[SoftArm | Robot]:

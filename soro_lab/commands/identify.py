@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -123,6 +124,12 @@ def identify(
             "Default: the three least certain."
         ),
     ] = None,
+    jobs: Annotated[
+        int | None, typer.Option(min=1, help="Simulations at a time, in threads; default one a core.")
+    ] = None,
+    dask: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Simulate on this Dask cluster (extra: dask).")
+    ] = "",
 ) -> None:
     """Find stiffness, damping, gains and laws of an arm, and its regulators, from recordings; write files.
 
@@ -135,6 +142,7 @@ def identify(
     from rich.console import Console
 
     from soro_core.adaptation.kept import kept_file, load_kept
+    from soro_core.jobs import Threads, executor_of
     from soro_core.robot import load_robot
     from soro_lab.commands.identify_report import ReportOptions, write
     from soro_lab.commands.search_progress import SearchProgress
@@ -196,8 +204,8 @@ def identify(
         out.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError("soro identify", "--out", str(out), f"a folder to write to: {error}") from None
-    with SearchProgress(console, len(options.laws)) as progress:
-        found = search(described, read, options, progress.show)
+    with executor_of(jobs, dask, Threads) as executor, SearchProgress(console, len(options.laws)) as progress:
+        found = search(described, read, replace(options, executor=executor), progress.show)
     if found.choice is not None:
         for trial in found.choice.tried:
             mark = "*" if trial is found.choice.chosen else " "
@@ -211,7 +219,8 @@ def identify(
     interrupted = found.interrupted
     status = 0 if interrupted else air.run(read, console)
     if wanted.folder is not None:
-        page, was_ended = write(found, wanted, 0.01 * accept, out, console)
+        with executor_of(jobs, dask, Threads) as executor:
+            page, was_ended = write(found, wanted, 0.01 * accept, out, console, executor)
         interrupted = interrupted or was_ended
         typer.echo(f"written: {page}")
     unphysical = impossible(found)

@@ -11,6 +11,7 @@ from soro_core.errors import ConfigError
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from soro_core.jobs import Executor
     from soro_core.robot import Robot
     from soro_lab.identification.arm.stages import ArmIdentification
 
@@ -72,7 +73,12 @@ class ReportOptions:
 
 
 def write(
-    found: ArmIdentification, options: ReportOptions, accept: float, out: Path, console: Console
+    found: ArmIdentification,
+    options: ReportOptions,
+    accept: float,
+    out: Path,
+    console: Console,
+    executor: Executor | None = None,
 ) -> tuple[Path, bool]:
     """Write the report; return its page, and whether Ctrl-C ended the profiles.
 
@@ -86,6 +92,8 @@ def write(
     out : Path
         The robot file.
     console : Console
+    executor : Executor, optional
+        Searches the profiles; default threads on all cores.
     """
     from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
@@ -98,9 +106,11 @@ def write(
     bar = Progress(SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=console)
     with bar:
         task = bar.add_task("profiles", total=None)
-        own, interrupted = profiles(
-            found, names, lambda stage, done: bar.update(task, description=f"{stage}: {100 * done:.0f} %")
-        )
+
+        def show(stage: str, done: float) -> None:
+            bar.update(task, description=f"{stage}: {100 * done:.0f} %")
+
+        own, interrupted = profiles(found, names, show, executor)
         bar.update(task, description="report")
         result = ReportContent(found, accept, own, impossible(found), str(out))
         return write_report(result, options.folder), interrupted

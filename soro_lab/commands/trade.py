@@ -62,22 +62,19 @@ def trade(
     Without a requirement: that of the scene's `model: auto`, else 1 %. Ctrl-C writes what is done.
     Ends with 0 if a model meets the requirement, with 1 if none does.
     """
+    from soro_core.jobs import executor_of
     from soro_lab.commands.trade_report import notes, table, verdict
     from soro_lab.trade.cache import Cache
     from soro_lab.trade.choice import keep_choice
     from soro_lab.trade.grid import PRESETS
     from soro_lab.trade.picture import draw
     from soro_lab.trade.study import Stopped, run_study
-    from soro_lab.trade.workers import workers
 
     if preset not in PRESETS:
         raise typer.BadParameter(f"{preset}: allowed are {', '.join(PRESETS)}", param_hint="--preset")
-    if dask and jobs > 1:
-        raise typer.BadParameter("either --jobs or --dask", param_hint="--jobs")
     console = Console(stderr=True)
-    with signals.noted() as interrupted:
+    with signals.noted() as interrupted, executor_of(jobs, dask) as executor:
         loaded, requirement = _requirement(scene, error, budget or 0.0, rate or 0.0)
-        computing = workers(jobs, dask)
         folder = _folder(out if out is not None else Path("trade") / Path(scene).stem)
         console.print(f"[dim]requirement: {requirement}[/dim]")
         case = _case(scene, loaded, requirement, seconds or 0.0)
@@ -95,7 +92,7 @@ def trade(
                     case,
                     PRESETS[preset],
                     requirement,
-                    computing,
+                    executor,
                     cache,
                     repeats,
                     show,
@@ -104,8 +101,6 @@ def trade(
             except Stopped:
                 console.print("interrupted: nothing was done yet")
                 raise typer.Exit(130) from None
-            finally:
-                computing.close()
     written = [folder / "trade.png"] if draw(study, folder / "trade.png") else []
     (folder / "trade.json").write_text(json.dumps(study.as_dict(), indent=1) + "\n")
     screen = Console()

@@ -7,16 +7,16 @@ understands as a step too far, and no derivative is taken across it.
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping
 from contextlib import closing
+from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import SoroError
+from soro_core.jobs import Executor, Here, map_jobs
 
 Values: TypeAlias = Mapping[str, float]
 
@@ -45,7 +45,7 @@ def slopes(
     at_x: Array,
     step: float,
     bounds: tuple[Array, Array],
-    workers: int | None = 1,
+    executor: Executor | None = None,
     told: Callable[[], None] = lambda: None,
 ) -> Array:
     """Derivatives (n, n_parameters) of the residuals by differences that avoid hopeless candidates.
@@ -65,31 +65,36 @@ def slopes(
         Size of the differences, times |x| where that is above 1.
     bounds : two arrays (n_parameters,)
         Lowest and highest parameters.
-    workers : int or None
-        Number of threads, for an `evaluate` that may run in several; None: one a core.
+    executor : Executor, optional
+        Computes the parameters beside each other; default `Here`.
     told : callable
         Called after each parameter.
     """
 
-    def column(k: int) -> Array:
-        for side in (step, -step):
-            beside = x.copy()
-            beside[k] += side * max(1.0, abs(x[k]))
-            found = evaluate(beside) if bounds[0][k] <= beside[k] <= bounds[1][k] else None
-            if found is not None:
-                return np.asarray((found - at_x) / (beside[k] - x[k]))
-        return np.zeros(at_x.size)
-
-    def collected(found: Iterable[Array]) -> Array:
-        columns = []
+    columns = []
+    column = _Column(evaluate, x, at_x, step, bounds)
+    with closing(map_jobs(column, range(x.size), executor or Here())) as found:  # Ctrl-C ends it at once
         for one in found:
             columns.append(one)
             told()
-        return np.column_stack(columns)
+    return np.column_stack(columns)
 
-    if workers == 1:
-        return collected(map(column, range(x.size)))
-    with ThreadPoolExecutor(workers or os.cpu_count()) as pool:
-        found = pool.map(column, range(x.size))
-        with closing(found):  # type: ignore[type-var]  # a generator: Ctrl-C does not wait for its rest
-            return collected(found)
+
+@dataclass(frozen=True)
+class _Column:
+    """The derivatives by one parameter; the arguments of `slopes`, as a job that can be sent."""
+
+    evaluate: Callable[[Array], Array | None]
+    x: Array
+    at_x: Array
+    step: float
+    bounds: tuple[Array, Array]
+
+    def __call__(self, k: int) -> Array:
+        for side in (self.step, -self.step):
+            beside = self.x.copy()
+            beside[k] += side * max(1.0, abs(self.x[k]))
+            found = self.evaluate(beside) if self.bounds[0][k] <= beside[k] <= self.bounds[1][k] else None
+            if found is not None:
+                return np.asarray((found - self.at_x) / (beside[k] - self.x[k]))
+        return np.zeros(self.at_x.size)

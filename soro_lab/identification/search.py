@@ -6,13 +6,14 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from soro_core.arrays import Array
+from soro_core.jobs import Executor, Here
 from soro_lab.identification.candidates import slopes
 
 
@@ -106,8 +107,8 @@ class SearchSettings:
         So many residuals at the end are of a prior: their squares count, whatever the loss.
     scale : float or "jac"
         Unit of a step in each parameter; "jac": that which changes the residuals by as much in all.
-    workers : int or None
-        Threads for derivatives; None: one a core.
+    executor : Executor
+        Computes derivatives.
     secant : bool
         Take derivatives at the start alone, and correct them by what each step changes (Broyden): for a few
         steps that show what parameters promise.
@@ -119,7 +120,7 @@ class SearchSettings:
     tolerance: float = 1e-8
     squares: int = 0
     scale: float | Literal["jac"] = "jac"
-    workers: int | None = 1
+    executor: Executor = field(default_factory=Here)
     secant: bool = False
 
 
@@ -247,7 +248,7 @@ class Search:
         if known is not None and s.secant:
             matrix = secant(known, x, residuals)
         else:
-            matrix = slopes(self._beside, x, residuals, s.step, self._bounds, s.workers, self._tell)
+            matrix = slopes(self._beside, x, residuals, s.step, self._bounds, s.executor, self._tell)
         self._known = x.copy(), residuals, matrix
         return matrix
 

@@ -170,6 +170,12 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         """Return the scene with another twin; it keeps the loaded robot and platform."""
         return self._with(twin=twin)
 
+    def with_robot(self, robot: Robot) -> Scene:
+        """Return the scene with another robot in place of the one that its file describes."""
+        other = self._with()
+        vars(other)["loaded_robot"] = robot
+        return other
+
     def with_learned(self, kept: KeptNumbers) -> Scene:
         """Return the scene whose law starts from learned numbers; it keeps the loaded robot and platform.
 

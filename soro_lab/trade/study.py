@@ -6,10 +6,12 @@ import contextlib
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import asdict, replace
+from functools import partial
 from typing import Any
 
 from soro_core.errors import ModelError, SoroError
 from soro_core.integrate import STEPPERS
+from soro_core.jobs import Executor, map_jobs
 from soro_lab.scene import Requirement
 from soro_lab.trade import cache as keys
 from soro_lab.trade.cache import Cache
@@ -17,11 +19,11 @@ from soro_lab.trade.candidate import Candidate
 from soro_lab.trade.case import TradeCase
 from soro_lab.trade.cost import Cost, measure, warm
 from soro_lab.trade.grid import CandidateGrid, around, coarse, size, spaces, within
+from soro_lab.trade.outcome import Outcome, compute
 from soro_lab.trade.reference import ReferenceRun, converge
 from soro_lab.trade.results import CandidateResult, Study, near_front, pareto
 from soro_lab.trade.slow_metrics import LoopError, closed_loop, loop_seconds, measured_error
 from soro_lab.trade.trace import Errors
-from soro_lab.trade.workers import Outcome, Workers
 
 # Tolerance of the reference's tip, % of the length: a twentieth of the requirement, within these.
 FINEST, COARSEST = 2e-3, 5e-2
@@ -37,7 +39,7 @@ def run_study(
     case: TradeCase,
     grid: CandidateGrid,
     requirement: Requirement,
-    workers: Workers,
+    executor: Executor,
     cache: Cache | None = None,
     repeats: int = 3,
     progress: Progress = lambda text, done, total: None,
@@ -53,8 +55,8 @@ def run_study(
         Values to combine.
     requirement : Requirement
         Required error or time.
-    workers : Workers
-        Computers of the errors; this process measures times afterwards, one after the other.
+    executor : Executor
+        Computes the errors; this process measures times afterwards, one after the other.
     cache : Cache, optional
         Where results are stored; nowhere by default.
     repeats : int
@@ -76,7 +78,7 @@ def run_study(
     ModelError
         If the reference cannot be computed.
     """
-    return _Run(case, grid, requirement, workers, cache, repeats, progress, stop).study()
+    return _Run(case, grid, requirement, executor, cache, repeats, progress, stop).study()
 
 
 class _Run:
@@ -87,13 +89,13 @@ class _Run:
         case: TradeCase,
         grid: CandidateGrid,
         requirement: Requirement,
-        workers: Workers,
+        executor: Executor,
         cache: Cache | None,
         repeats: int,
         progress: Progress,
         stop: Callable[[], bool],
     ) -> None:
-        self.case, self.requirement, self.workers = case, requirement, workers
+        self.case, self.requirement, self.executor = case, requirement, executor
         self.grid = within(grid, case.longest_step_s)
         self.cache, self.repeats, self.progress, self.stop = cache, repeats, progress, stop
         self.key = keys.case_key(case)
@@ -163,7 +165,8 @@ class _Run:
             self.progress(f"kernels of {candidate.model.method}, {candidate.integrator}", done, total)
             with contextlib.suppress(SoroError):  # the same failure is reported when the errors are computed
                 warm(self.case, candidate)
-        for outcome in self.workers.run(self.case, truth.trace, unknown, self.stop):
+        job = partial(compute, self.case, truth.trace)
+        for outcome in map_jobs(job, unknown, self.executor, in_order=False, stop=self.stop):
             done += 1
             self.progress(f"errors, {text}", done, total)
             self._note(outcome, reference)

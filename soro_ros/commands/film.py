@@ -9,6 +9,7 @@ from typing import Annotated, TypeAlias
 import typer
 
 from soro_core.errors import ConfigError
+from soro_core.extras import require
 from soro_core.files.units import unit_option
 from soro_lab.run_folder import bag_and_scene
 from soro_lab.scene import load_scene
@@ -40,6 +41,7 @@ def film(
 
     A simulated arm is drawn as it was, a real one as the estimator found it. A .png holds the last picture.
     """
+    require("ros")
     from soro_ros.pictures import film as drawing
 
     file = run / "film.gif" if out is None else out

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn, TypeAlias
 import typer
 
 from soro_core.errors import BagError, ConfigError, SoroError
+from soro_core.extras import require
 from soro_core.files.units import unit_option
 from soro_lab.run_folder import run_folders
 from soro_ros.commands.film import Rate, Width
@@ -77,6 +78,7 @@ def plot(
     need not have all topics: what is missing is named. A film shows a simulated arm as it was, a real one as
     the estimator found it. Exit status 2: the bag cannot be read, or wrong use.
     """
+    require("ros")
     from matplotlib import pyplot
 
     notes: list[str] = []
@@ -118,6 +120,7 @@ def report(
     Verdict, figures, pictures, events with their causes, what was recorded with its gaps, scene, versions.
     Exit status 2: the bag cannot be read, or wrong use.
     """
+    require("ros")
     from soro_ros.pictures.run_page import page_of
     from soro_ros.pictures.run_view import open_run
     from soro_ros.recordings.recording import Spans

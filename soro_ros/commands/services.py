@@ -61,7 +61,7 @@ def reset(
 
     with service_caller() as caller:
         from soro_core.safety.state import MUST_BE_ZERO
-        from soro_ros.topics.diagnostics import VENTED
+        from soro_ros.status_words import VENTED
 
         name = one_node(caller, "reset", node, timeout_s, "" if node else READINGS)
         status = caller.message_of(name, _STATUS_LIMIT_S)
@@ -142,7 +142,7 @@ def enable(
     from std_srvs.srv import Trigger
 
     with service_caller() as caller:
-        from soro_ros.topics.diagnostics import VENTED
+        from soro_ros.status_words import VENTED
 
         name = one_node(caller, "enable", node, timeout_s, "" if node else COMMANDS)
         service = "enable_anyway" if anyway else "enable"

@@ -16,9 +16,10 @@ from soro_lab.scene import ControllerNodeConfig
 from soro_ros.conversion import messages, qos
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
+from soro_ros.status_words import NO_COMMAND
 from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.ticks.enable_check import EnableCheck
-from soro_ros.topics.diagnostics import ERROR, NO_COMMAND, OK, WARN
+from soro_ros.topics.diagnostics import ERROR, OK, WARN
 from soro_ros.topics.motion_job import REPLACED, STATUS, VENTED
 from soro_ros.topics.ports import Input, NodeOutputs, Publishers, subscribe
 

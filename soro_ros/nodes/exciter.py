@@ -17,7 +17,8 @@ from soro_lab.scene.excitation import excitation_of
 from soro_ros.conversion import messages, qos
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
-from soro_ros.topics.diagnostics import OK, REQUESTED, WARN
+from soro_ros.status_words import REQUESTED
+from soro_ros.topics.diagnostics import OK, WARN
 from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import subscribe
 from soro_ros.topics.sample_inputs import SampleInputs

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import yaml
 
+from soro_core.jobs.versions import versions
 from soro_lab.reporting.drawing import png, style
 from soro_lab.reporting.html import Block, Bullets, Cell, Chapter, Folded, Page, Picture, Table, Words
-from soro_ros.host.versions import versions
 from soro_ros.pictures import panels
 from soro_ros.pictures.picture import draw_shadow, fill
 from soro_ros.pictures.run_view import OpenRun, title_of

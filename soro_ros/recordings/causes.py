@@ -7,7 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from soro_ros.topics.diagnostics import NO_COMMAND, NO_ESTIMATE
+from soro_ros.status_words import NO_COMMAND, NO_ESTIMATE
 
 # Largest part of the set points at a bound, and of their changes at a limit of rate, of a good run.
 AT_LIMIT_PART = 0.2

@@ -7,7 +7,7 @@ from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
-from soro_ros.topics.diagnostics import is_requested
+from soro_ros.status_words import is_requested
 
 Kind: TypeAlias = Literal["trip", "vent", "warning", "over", "injected"]
 

@@ -5,27 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from numpy.typing import NDArray
-from sensor_msgs.msg import JointState
 
 from soro_core.arrays import Array
-from soro_lab.bag import BagMessage, BagReader
-from soro_ros.conversion import messages
-from soro_ros.conversion.decoding import Messages
 from soro_ros.recordings.events import Event, NodeStatus, Said, clock, events_of, statuses_of, under_control
-from soro_ros.topics.diagnostics import is_requested
+from soro_ros.status_words import is_requested
 
-_TYPES = {
-    "sensor_msgs/msg/JointState": JointState,
-    "geometry_msgs/msg/PoseStamped": PoseStamped,
-    "geometry_msgs/msg/PoseWithCovarianceStamped": PoseWithCovarianceStamped,
-    "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
-    "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
-}
+if TYPE_CHECKING:  # a run without ROS is a recording too
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+    from soro_lab.bag import BagMessage, BagReader
+
 # Topics of an arm that the pictures show; an arm is a namespace with one of them.
 SHOWN = ("chambers/state", "chambers/command", "arm/state", "arm/tip", "arm/desired/tip", "truth/tip")
 _LATCH = "chambers/latch"
@@ -97,6 +90,8 @@ class RunRecording:
 
 def read(bag: Path, namespace: str) -> RunRecording:
     """Read a run's bag, with the namespace of the robot's nodes."""
+    from soro_lab.bag import BagReader
+
     with BagReader(bag) as reader:
         return recorded(reader, namespace)
 
@@ -125,6 +120,20 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
     spans : Spans, optional
         Takes the times of every message, also of other topics.
     """
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+    from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+    from sensor_msgs.msg import JointState
+
+    from soro_ros.conversion import messages
+    from soro_ros.conversion.decoding import Messages
+
+    types = {
+        "sensor_msgs/msg/JointState": JointState,
+        "geometry_msgs/msg/PoseStamped": PoseStamped,
+        "geometry_msgs/msg/PoseWithCovarianceStamped": PoseWithCovarianceStamped,
+        "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
+        "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
+    }
     prefix = f"/{namespace}/" if namespace else "/"
     # Stamps, log times and values, by topic and names of their columns.
     rows: dict[str, dict[tuple[str, ...], list[tuple[int, int, list[float]]]]] = {}
@@ -134,10 +143,10 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
     wanted = {
         topic.name
         for topic in reader.topics
-        if topic.type in _TYPES
+        if topic.type in types
         and (topic.name == "/diagnostics" or topic.name in {prefix + name for name in _USED})
     }
-    kinds = {topic.name: _TYPES[topic.type] for topic in reader.topics if topic.name in wanted}
+    kinds = {topic.name: types[topic.type] for topic in reader.topics if topic.name in wanted}
     messages_of = Messages(reader, kinds)
     for item in reader.messages(wanted if spans is None else None):
         if spans is not None:

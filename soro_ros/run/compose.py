@@ -14,6 +14,7 @@ from rclpy.node import Node
 
 from soro_core.config import Strict, with_changes
 from soro_core.errors import SoroError
+from soro_core.jobs.versions import versions
 from soro_core.safety.vent_check import REST_S
 from soro_hardware.emulation.sockets.control import ControlClient
 from soro_lab.bag.config import RecorderConfig
@@ -21,7 +22,6 @@ from soro_lab.scene import Scene
 from soro_ros.host import claims
 from soro_ros.host.claims import Claims
 from soro_ros.host.pulse import Pulse
-from soro_ros.host.versions import versions
 from soro_ros.process import kernels
 from soro_ros.recorder.recorded_topics import recorded_topics
 from soro_ros.run import processes

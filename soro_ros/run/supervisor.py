@@ -23,7 +23,8 @@ from soro_core.safety.vent_check import REST_S, empty_since
 from soro_ros.conversion import messages, qos
 from soro_ros.host import claims, middleware, services
 from soro_ros.run.processes import NodeError
-from soro_ros.topics.diagnostics import ERROR, WARN, is_requested
+from soro_ros.status_words import is_requested
+from soro_ros.topics.diagnostics import ERROR, WARN
 
 # Nodes publish /diagnostics once a second; a machine that delays them for so long cannot control an arm.
 SILENT_S = 8.0

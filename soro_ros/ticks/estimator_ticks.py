@@ -10,7 +10,6 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import JointState
 
 from soro_core.adaptation import Learned
-from soro_core.adaptation.learned import size_of
 from soro_core.estimation import EstimatorState, ImuSample, PoseSample
 from soro_core.loop import certainty_of
 from soro_core.robot import load_robot
@@ -18,7 +17,7 @@ from soro_core.rotation import quaternion_from_matrix
 from soro_lab.scene import EstimatorNodeConfig
 from soro_lab.scene.loop import estimator_of
 from soro_ros.conversion import learning, messages, qos
-from soro_ros.topics.diagnostics import NO_ESTIMATE, add_prefix
+from soro_ros.status_words import NO_ESTIMATE, add_prefix
 from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
 from soro_ros.topics.sample_inputs import SampleInputs
@@ -77,7 +76,7 @@ class EstimatorTicks:
     def warm_up(self) -> None:
         """Run ticks without output, with a learned force too, which compiles their kernels."""
         estimator, dt = self.estimator, 0.005
-        zero, nothing = np.zeros(len(self._names)), Learned(np.zeros(size_of(estimator.arm.n_q)))
+        zero, nothing = np.zeros(len(self._names)), estimator.filter.nothing
         pose = estimator.arm.pose(np.zeros(estimator.arm.n_q), estimator.length)
         quaternion = quaternion_from_matrix(pose[:3, :3])
         state = estimator.initial_state()

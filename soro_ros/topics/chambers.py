@@ -19,8 +19,9 @@ from soro_core.arrays import Array
 from soro_core.safety import Limiter
 from soro_ros.conversion import messages, qos
 from soro_ros.host import pulse
+from soro_ros.status_words import REQUESTED, VENTED
 from soro_ros.topics.command_topic import CommandTopic
-from soro_ros.topics.diagnostics import ERROR, NONE, OK, REQUESTED, VENTED, WARN
+from soro_ros.topics.diagnostics import ERROR, NONE, OK, WARN
 
 
 class ChamberInterface:

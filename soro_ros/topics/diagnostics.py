@@ -8,14 +8,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
-# Begin of the message of a node that drives valves, while its latch is closed.
-VENTED = "vented"
-# What a vent says that someone asked for.
-REQUESTED = "vent requested"
 # Message of a twin in lockstep whose time has ended.
 OVER = "over"
-# Begin of the message of a controller while it sends no command, and of an estimator without an estimate.
-NO_COMMAND, NO_ESTIMATE = "no command", "no estimate"
 # Where nothing is known of the hardware.
 NONE = "unknown"
 
@@ -107,16 +101,6 @@ class Diagnostics:
         array = DiagnosticArray(status=[self._status])
         array.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(array)
-
-
-def is_requested(message: str) -> bool:
-    """Whether a node says that its arm is vented because someone asked for it, and has become empty."""
-    return message == f"{VENTED}: {REQUESTED}"
-
-
-def add_prefix(prefix: str, text: str) -> str:
-    """Return a text that begins with one of the words above, once; an empty one stays empty."""
-    return text if not text or text.startswith(prefix) else f"{prefix}: {text}"
 
 
 def _text(value: object) -> str:

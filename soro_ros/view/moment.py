@@ -14,7 +14,7 @@ from sensor_msgs.msg import JointState
 
 from soro_core.arrays import Array
 from soro_ros.conversion import messages
-from soro_ros.topics.diagnostics import VENTED
+from soro_ros.status_words import VENTED
 
 BACKBONE, TIP, WANTED = "arm/backbone", "arm/tip", "arm/desired/tip"
 PRESSURES, LATCH = "chambers/state", "chambers/latch"

@@ -14,7 +14,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from soro_ros.host.versions import versions
+from soro_core.jobs.versions import versions
 from tests.installation.source_tree import ROOT, copy_sources
 
 TABLES = tomllib.loads((ROOT / "pyproject.toml").read_text())

@@ -12,7 +12,8 @@ from sensor_msgs.msg import JointState
 from soro_core.errors import SoroError
 from soro_ros.conversion import qos
 from soro_ros.run.supervisor import RunMonitor
-from soro_ros.topics.diagnostics import ERROR, VENTED
+from soro_ros.status_words import VENTED
+from soro_ros.topics.diagnostics import ERROR
 from tests.patience import LIMIT_S
 from tests.soro_ros.running import wait_until
 

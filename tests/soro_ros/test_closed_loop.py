@@ -16,9 +16,11 @@ from soro_lab.scene import load_scene
 from soro_ros.conversion import messages
 from soro_ros.host.middleware import DELIVERY_S
 from soro_ros.recordings.recording import read
+from soro_ros.recordings.report import summarise
+from soro_ros.study.closed_loop import run_in_process
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.soro_ros.conftest import own_domain
-from tests.soro_ros.in_process import lockstep, tip_error_rms_m
+from tests.soro_ros.in_process import tip_error_rms_m
 from tests.soro_ros.running import (
     ClockListener,
     alive,
@@ -65,6 +67,10 @@ def test_the_controller_tracks_the_circle_on_emulated_valves(main_job, figure):
     assert last_m <= 0.5 * off_m
     assert last_m < first_m < off_m
     assert on["estimator_error_last_rms_m"] <= 1.0e-3
+    # Of the valves one process has the response alone: not their noise, their steps and their bus.
+    scene = load_scene("track_circle", {"mode": "lockstep", "duration_s": 11})
+    alone = summarise(run_in_process(scene)[0], scene)
+    assert abs(alone.tip_error_last_rms_m - last_m) < 1e-3 * scene.loaded_robot.length
 
 
 @pytest.mark.process
@@ -174,23 +180,23 @@ def test_the_nodes_compute_what_one_process_computes(held_up):
     scene = load_scene(held_up / "scene_used.yaml")
     assert scene.twin.payload_changes.at_s == (0.4, 0.8)
     recorded = read(held_up / "bag", scene.name)
-    steps = list(lockstep(scene, TICKS))
-    for series, name, first in (
-        (recorded.true_state, "true_q", 0),
-        (recorded.true_tip, "tip", 0),
-        (recorded.wanted_tip, "wanted", 1),
-        (recorded.estimated_state, "q", 1),
-        (recorded.command, "setpoint_pa", 1),
-    ):
-        expected = np.array([getattr(step, name) for step in steps[first:]])
-        assert len(series.value) >= len(expected) - 1
-        ticks = min(len(series.value), len(expected))
-        np.testing.assert_array_equal(series.value[:ticks], expected[:ticks], err_msg=name)
+    alone, end = run_in_process(scene)
+    assert end.status == 0
+    # The bag has the truth from the tick before the first estimate on.
+    for name in ("true_state", "true_tip", "wanted_tip", "estimated_state", "command"):
+        series, own = (getattr(one, name) for one in (recorded, alone))
+        first = int(np.searchsorted(series.t, -1e-9))
+        assert len(own.value) >= TICKS - 2
+        length = min(len(own.value), len(series.value) - first)
+        assert length >= TICKS - 2
+        np.testing.assert_array_equal(series.value[first:][:length], own.value[:length], err_msg=name)
+        np.testing.assert_allclose(series.t[first:][:length], own.t[:length], atol=1e-9)
     assert np.ptp(recorded.command.value) > 10e3
-    constant = list(lockstep(with_changes(scene, twin=with_changes(scene.twin, payload_changes={})), 162))
-    moved = 1e3 * np.array([np.linalg.norm(a.tip - b.tip) for a, b in zip(steps, constant, strict=False)])
-    assert moved[:81].max() == 0.0
-    assert moved[161] > 1.0
+    unchanged = scene.with_twin(with_changes(scene.twin, payload_changes={})).with_duration(0.81)
+    constant, _ = run_in_process(unchanged)
+    moved = 1e3 * np.linalg.norm(alone.true_tip.value[:161] - constant.true_tip.value[:161], axis=1)
+    assert moved[:80].max() == 0.0
+    assert moved[160] > 1.0
 
 
 def test_the_run_is_a_recording_for_identification(held_up):

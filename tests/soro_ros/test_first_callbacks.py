@@ -131,7 +131,7 @@ def reading():
     receive(node, "chambers/state", messages.chambers(chambers, np.zeros(3), stamp))
 
 def learned():
-    theta = np.concatenate([[0.02], 0.01 * np.arange(12)])
+    theta = np.concatenate([[0.02], 0.01 * np.arange(14)])
     receive(node, "arm/learned", learning.learned(Learned(theta), stamp))
 
 def imu():

@@ -20,7 +20,7 @@ CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
 COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
 TICK_NS = 5_000_000
 LATE_NS = 1_800_000_000_123_456_789  # more digits than a float has
-THETA = np.concatenate([[0.02], 0.01 * np.arange(12)])
+THETA = np.concatenate([[0.02], 0.01 * np.arange(14)])
 P = np.diag([1e-3, 0.1, 0.1, 1.0, 10.0, 10.0]) ** 2
 
 

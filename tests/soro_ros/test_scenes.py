@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from soro_core.control.reference_feasibility import check_reach
 from soro_lab.scene import check_scene, load_scene
 from soro_lab.scene.load import scenes_in, shipped_folder
-from soro_lab.scene.loop import loop_of
-from tests.soro_ros.in_process import lockstep, without_valves
+from tests.soro_ros.in_process import tip_errors_m
 
 # Scenes that run to their end: how long here [s], and the largest tip error in the last second, RMS [mm].
 GOOD = {
@@ -27,14 +25,12 @@ DISTURBED_MM = {"set_points": 8.0, "contact_with_a_wall": 3.0}
 def shipped(name, **changes):
     scene = load_scene(name, {"mode": "lockstep", **changes})
     check_scene(scene, name)
-    return without_valves(scene)
+    return scene
 
 
 def errors_mm(scene, seconds):
     """Distance of the tip from its reference at each tick under control."""
-    check_reach(loop_of(scene).controller, scene.verdict.tip_error_part)
-    steps = list(lockstep(scene, round(seconds * scene.rate_hz)))
-    return np.array([1e3 * np.linalg.norm(step.tip - step.wanted) for step in steps[1:]])
+    return 1e3 * tip_errors_m(scene, seconds)
 
 
 def last_second_mm(scene, errors):

@@ -8,7 +8,7 @@ import numpy as np
 
 from soro_core._box import Box, view
 from soro_core._jit import entry
-from soro_core.arrays import Array
+from soro_core.arrays import Array, Integers
 from soro_core.model.dynamics import GOOD, NOT_FINITE, add_damping_force, check, finite, motion_forces
 from soro_core.model.forces.chambers import acting
 from soro_core.model.forces.internal import add_internal_force
@@ -37,19 +37,20 @@ def show(
     box: Box,
     motion: MotionFields,
     unmodelled: UnmodelledFields,
-    units: tuple[Array, Array],
+    units: tuple[Array, Array, Integers, Array],
     part: float,
     sides: tuple[Array, Array],
 ) -> int:
-    """Move residual r / U (n,) and regressor Phi (n, 1 + n (n + 1)) a part of the way to those of a sample.
+    """Move residual r / U (n,) and regressor Phi (n, size) a part of the way to those of a sample.
 
     r = H p - [M qdd + C qd + G + f_e + R qd + creep] - d(q, 0), with the unmodelled force d about a mass
-    and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q). `units` of force, U, and of q;
-    `sides` are r / U and Phi. Gives a code of `soro_core.model.dynamics`.
+    and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q) + R_t qd. `units` of force, U, and of
+    q, and number and matrix of a `DampingModel`; `sides` are r / U and Phi. Gives a code of
+    `soro_core.model.dynamics`.
     """
     arm, d = view(box), UnmodelledForce(*unmodelled)
     q, qd, qdd, pressure, creep, covariance = motion
-    force_unit, q_unit = units
+    force_unit, q_unit, number, damping = units
     residual, regressor = sides
     t, n, n_u = arm.tables, q.shape[0], pressure.shape[0]
     code = check(t, q, qd)
@@ -79,4 +80,10 @@ def show(
         regressor[c, first] += part * (1.0 - regressor[c, first])
         for e in range(n):
             regressor[c, first + 1 + e] += part * (q[e] / q_unit[e] - regressor[c, first + 1 + e])
+        for k in range(1 + n * (n + 1), regressor.shape[1]):
+            lost = 0.0
+            if number[c] == k - 1 - n * (n + 1):
+                for e in range(n):
+                    lost += damping[c, e] * qd[e] / force_unit[c]
+            regressor[c, k] += part * (lost - regressor[c, k])
     return GOOD

@@ -1,7 +1,7 @@
 """The law `composite`: desired compensation with the learned force, which the prediction error drives.
 
-f = M qdd_d + C qd_d + G + f_e + R qd_d + (creep) + Y_m m + U W phi - K_p e - K_d s, docs/control.md. All
-forces of the model and the learned one are those at the reference. The learner is that of
+f = M qdd_d + C qd_d + G + f_e + (R + R_t) qd_d + (creep) + Y_m m + U W phi - K_p e - K_d s, docs/control.md.
+All forces of the model and the learned one are those at the reference. The learner is that of
 `soro_core.adaptation`; the filter predicts with the same force.
 """
 
@@ -116,7 +116,7 @@ class Composite(Law[CompositeState]):
         motion = arm.motion_forces(at, wanted.qd, wanted.qdd)
         model = motion.own
         internal = arm.internal_force(at, state.creep)
-        learned = self.learner.force.with_mass(learner.learned, at, motion.by_mass)
+        learned = self.learner.force.with_mass(learner.learned, at, wanted.qd, motion.by_mass)
         shape, unmodelled, bent_s = state.shape, state.unmodelled, state.bent_s + dt
         if self.nonuniform is not None and shape is not None and _is_due(bent_s, dt):
             point, bent_s = Point(at, wanted.qd, wanted.qdd), 0.0
@@ -162,7 +162,7 @@ class Composite(Law[CompositeState]):
         return self.setting.model_force(q, qd, qdd) + learned
 
     def estimates(self, state: CompositeState) -> dict[str, float]:
-        """Return the mass at the tip [kg], W, relative gains and area slopes by name."""
+        """Return mass at the tip [kg], W, damping [s], relative gains and area slopes by name."""
         theta = np.concatenate([state.learner.learned.theta, state.learner.chambers])
         theta[0] += self.setting.arm.robot.tip_mass
         return dict(zip(self.learner.names, theta.tolist(), strict=True))

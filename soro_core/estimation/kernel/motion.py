@@ -1,7 +1,8 @@
 """Acceleration of the arm with the learned force, its derivatives, and one step of the mean.
 
-The learned force is part of the model: its mass is at the tip, with inertia, Coriolis force and weight, and
--U W phi(q) is a generalised force affine in q. So mean and covariance move by one and the same model.
+The learned force is part of the model: its mass is at the tip, with inertia, Coriolis force and weight, its
+damping is the arm's, and -U W phi(q) is a generalised force affine in q. So mean and covariance move by one
+and the same model, and the step below is implicit in damping that is far beyond the file's.
 
 The step is the trapezoidal rule, linearly implicit: with a and its derivatives A21, A22 by q and qd at the
 start, (1 - h A22 / 2 - h^2 A21 / 4) dv = h (a + h A21 v / 2), dq = h (v + dv / 2). It is second order, and
@@ -56,6 +57,12 @@ def load(arm: FilterArm, theta: Array, share: float) -> None:
         w.constant[i] = -share * s.force_unit[i] * theta[row]
         for j in range(n):
             w.slope[i, j] = -share * s.force_unit[i] * theta[row + 1 + j] / s.q_unit[j]
+    for k in range(t.length.shape[0]):
+        first = t.offset[k]
+        for i in range(first, t.offset[k + 1]):
+            time = share * theta[1 + n * (n + 1) + s.damping_number[i]]
+            for j in range(t.offset[k + 1] - first):
+                t.damping[i, j] = s.damping[i, j] + time * s.damping_matrix[i, first + j]
 
 
 @inner

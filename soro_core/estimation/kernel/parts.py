@@ -56,6 +56,11 @@ class FilterSettings(NamedTuple):
     """Unit of q in the learned force, (n,)."""
     force_unit: Array
     """Unit of the learned force, (n,)."""
+    damping: Array
+    """Damping of the robot file, as in `Tables.damping`."""
+    damping_number: Integers
+    """`DampingModel.number`, and its matrix, (n, n)."""
+    damping_matrix: Array
     tip_mass: float
     """Mass at the tip in the robot file [kg]."""
     tip: Site

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Collection
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
+from dataclasses import dataclass
 
 from soro_core.arrays import Array
 from soro_core.errors import SoroError
-from soro_lab.identification.arm.search.profile import Optimum, Profile, linear, searched
+from soro_core.jobs import Executor, given_or_threads, map_jobs
+from soro_lab.identification.arm.search.problem import Problem
+from soro_lab.identification.arm.search.profile import Optimum, Profile, ProfilePoint, linear, searched
 from soro_lab.identification.arm.stages import ArmIdentification
 
 
@@ -33,6 +35,7 @@ def profiles(
     found: ArmIdentification,
     wanted: Collection[str],
     progress: Callable[[str, float], None] = lambda stage, done: None,
+    executor: Executor | None = None,
 ) -> tuple[tuple[Profile, ...], bool]:
     """Return the profile of each number, and whether Ctrl-C came: then some are linear that were wanted.
 
@@ -43,16 +46,11 @@ def profiles(
         Numbers whose profile is searched with simulations; those of all others are linear.
     progress : callable
         Called with the name of a profile and the share of them that is done.
+    executor : Executor, optional
+        Searches the profiles; default threads on all cores.
     """
     problem, solution, deviations = found.problem, found.solution, found.certainty.deviations
     optimum = Optimum(solution.x, solution.rows, solution.jacobian, *problem.bounds)
-
-    def rows_at(x: Array) -> Array | None:
-        values = problem.value(x)
-        try:
-            return problem.rows(problem.predict(values), values)
-        except SoroError:
-            return None
 
     def spread(k: int) -> float:
         return deviations[problem.numbers[k].name] / problem.numbers[k].doubt
@@ -63,15 +61,31 @@ def profiles(
         for k in every
     }
     asked = [k for k in every if problem.numbers[k].name in wanted]
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
-        try:
-            for done, (k, points) in enumerate(
-                zip(asked, pool.map(lambda k: searched(rows_at, optimum, k, spread(k)), asked), strict=True)
-            ):
+    job, jobs = _Searched(problem, optimum), [(k, spread(k)) for k in asked]
+    try:
+        with given_or_threads(executor) as used, closing(map_jobs(job, jobs, used)) as points_of:
+            for done, (k, points) in enumerate(zip(asked, points_of, strict=True)):
                 name = problem.numbers[k].name
                 by_name[name] = Profile(name, True, points)
                 progress(f"profile of {name}", (done + 1) / len(asked))
-        except KeyboardInterrupt:
-            pool.shutdown(cancel_futures=True)
-            return tuple(by_name.values()), True
+    except KeyboardInterrupt:
+        return tuple(by_name.values()), True
     return tuple(by_name.values()), False
+
+
+@dataclass(frozen=True)
+class _Searched:
+    """The profile of one number, as a job that can be sent."""
+
+    problem: Problem
+    optimum: Optimum
+
+    def __call__(self, number: tuple[int, float]) -> tuple[ProfilePoint, ...]:
+        return searched(self._rows_at, self.optimum, *number)
+
+    def _rows_at(self, x: Array) -> Array | None:
+        values = self.problem.value(x)
+        try:
+            return self.problem.rows(self.problem.predict(values), values)
+        except SoroError:
+            return None

@@ -10,6 +10,7 @@ from typing import TypeAlias
 import numpy as np
 
 from soro_core.errors import ConfigError, ModelError, SoroError
+from soro_core.jobs import Executor
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.case import Case, Whole, longest_step
@@ -73,6 +74,8 @@ class IdentificationOptions:
         Names of recordings that no fit sees, not even the last one; () holds out sections of all.
     keep : tuple of str
         Names of numbers that stay as described.
+    executor : Executor or None
+        Computes the derivatives of all fits, and starts; None: threads on all cores.
     """
 
     dt_s: float | None = None
@@ -84,6 +87,7 @@ class IdentificationOptions:
     seed: int = 1
     hold_out: tuple[str, ...] = ()
     keep: tuple[str, ...] = ()
+    executor: Executor | None = None
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,7 @@ def identify(
     recordings = [recording for recording in recordings if recording.shapes]
     check_names(recordings)
     recordings, options = _let_go(recordings, options)
-    robot, keep = plain(robot, options.keep), options.keep
+    robot, keep, executor = plain(robot, options.keep), options.keep, options.executor
     is_constant = options.is_constant
     check_motion(SoftArm(robot), recordings)
     dt = options.dt_s or longest_step(SoftArm(robot), _TURN)
@@ -176,7 +180,8 @@ def identify(
         model = modelled(with_numbers(robot, begin), is_constant)
         starts = start_numbers(model, [r for r in runs if r in releases])
         own = (*clocks, *starts) if runs else ()
-        return Problem(robot, tuple(cases), (*numbers, *frames, *own), expected, {}, is_constant)
+        every = (*numbers, *frames, *own)
+        return Problem(robot, tuple(cases), every, expected, {}, is_constant, executor)
 
     values: dict[str, float] = {}
     interrupted = False

@@ -7,7 +7,6 @@ crush a link one after the other, so may any stepper that follows the motion.
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Sequence
 from functools import partial
 
@@ -17,6 +16,7 @@ from benchmarks.options import Options
 from benchmarks.report import figure, table
 from soro_core import simulate
 from soro_core.integrate.causes import CAUSES
+from soro_core.jobs import Processes, map_jobs
 from soro_core.model.dynamics import COLLAPSED
 from tests.apparatus.extremes.measure import Release, energy, scale_of
 
@@ -38,10 +38,10 @@ def run(release: Release, seed: int) -> tuple[float | None, float]:
 def text(stopped: Sequence[tuple[str, Release]], options: Options) -> str:
     """Markdown: of each release how many runs crush a link, when, and how well they keep the energy."""
     rows = []
-    with multiprocessing.get_context("spawn").Pool() as pool:
+    with Processes() as executor:
         for name, release in stopped:
             options.say(f"in truth: {name}")
-            ends = pool.map(partial(run, release), range(options.pick(RUNS, 2)))
+            ends = list(map_jobs(partial(run, release), range(options.pick(RUNS, 2)), executor))
             times = sorted(t for t, _ in ends if t is not None)
             shown = f"{figure(times[0])} to {figure(times[-1])}" if times else "-"
             worst = max(off for _, off in ends)

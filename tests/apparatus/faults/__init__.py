@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
-from multiprocessing import get_context
+from functools import partial
 
 import numpy as np
 
 from benchmarks.options import Options
 from benchmarks.report import met, table
+from soro_core.jobs import Processes, map_jobs
 from tests.apparatus.faults import cells
 from tests.apparatus.faults.cells import Result
 from tests.apparatus.faults.matrix import FOUR, MATRIX
@@ -67,11 +67,15 @@ def _without_a_fault(hours: dict[str, int], options: Options) -> Iterator[tuple[
     if options.quick:
         yield from ((family, healthy(family, seconds)) for family, seconds in hours.items())
         return
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        ends = {family: pool.submit(healthy, family, seconds) for family, seconds in hours.items()}
-        for family, end in ends.items():
+    with Processes() as executor:
+        ends = map_jobs(partial(_lasted, hours), hours, executor)
+        for family, end in zip(hours, ends, strict=True):
             options.say(f"{family}: {hours[family]} s without a fault")
-            yield family, end.result()
+            yield family, end
+
+
+def _lasted(hours: dict[str, int], family: str) -> str:
+    return healthy(family, hours[family])
 
 
 def healthy(family: str, seconds: float, air: Callable[[Rig], Rig] = lambda rig: rig) -> str:

@@ -81,8 +81,8 @@ def test_the_force_of_the_chambers_is_what_the_file_makes_too_much():
     there, _ = learner.chambers.force(values, moved, pressure)
     np.testing.assert_allclose(force + by_q @ (moved - q), there, rtol=2e-2)
     # The filter gets it as a tangent.
-    told = Learned(np.zeros(13)).with_force(q, force, by_q, learner.force.scales)
-    near = learner.force.with_mass(told, moved, np.zeros(3))
+    told = Learned(np.zeros(15)).with_force(q, force, by_q, learner.force.scales)
+    near = learner.force.with_mass(told, moved, np.zeros(3), np.zeros(3))
     np.testing.assert_allclose(near, force + by_q @ (moved - q), rtol=1e-9)
 
 

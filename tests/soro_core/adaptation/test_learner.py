@@ -14,6 +14,8 @@ from soro_core.robot.parts import fields
 ROBOT = load_robot(find_config("tue_three_bellow", "robots"))
 ARM = SoftArm(ROBOT)
 N = ARM.n_q
+# Mass, W, damping of stretch and bend.
+SIZE = 1 + N * (N + 1) + 2
 DT = 0.005
 SPREAD = np.array([0.03, 6.0, 6.0])
 
@@ -55,7 +57,7 @@ def all_learned(learner, state, one):
 
 def true_model():
     weights = 0.3 * np.random.default_rng(1).standard_normal((N, N + 1))
-    return np.concatenate([[0.02], weights.ravel()])
+    return np.concatenate([[0.02], weights.ravel(), np.zeros(2)])
 
 
 def test_the_force_of_the_mass_is_that_of_a_heavier_arm():
@@ -63,7 +65,7 @@ def test_the_force_of_the_mass_is_that_of_a_heavier_arm():
     rng = np.random.default_rng(3)
     q, qd, a = (SPREAD * x for x in rng.standard_normal((3, N)))
     expected = heavier.inverse_dynamics(q, qd, qd, a) - ARM.inverse_dynamics(q, qd, qd, a)
-    learned = Learned(np.concatenate([[0.02], np.zeros(N * (N + 1))]))
+    learned = Learned(np.concatenate([[0.02], np.zeros(SIZE - 1)]))
     np.testing.assert_allclose(LearnedForce(ARM).force(learned, q, qd, a), expected, rtol=1e-9, atol=1e-15)
 
 
@@ -127,7 +129,7 @@ def test_a_sample_that_is_not_finite_is_counted_and_the_last_model_kept(field, n
 def test_what_is_learned_beside_a_mass_at_its_bound_is_solved_for_that_mass():
     """And no prior is restored, however long it stays there."""
     learner = Learner(ARM, config(mass_upper_kg=0.01, forget_s=1e3, weight_std=5.0))
-    theta = np.zeros(1 + N * (N + 1))
+    theta = np.zeros(SIZE)
     theta[0] = 0.016
     state, masses, notes = learner.initial_state(), [], []
     for k in range(500):
@@ -141,7 +143,7 @@ def test_what_is_learned_beside_a_mass_at_its_bound_is_solved_for_that_mass():
     # The rest of the load is in W: what is missing is the force of the whole mass.
     one, force = circle(499, theta), learner.force
     wanted, alone = (
-        force.force(Learned(np.concatenate([[mass], np.zeros(N * (N + 1))])), one.q, one.qd, np.zeros(N))
+        force.force(Learned(np.concatenate([[mass], np.zeros(SIZE - 1)])), one.q, one.qd, np.zeros(N))
         for mass in (0.016, 0.01)
     )
     missing = np.abs(wanted - all_learned(learner, state, one)) / force.scales.force
@@ -183,7 +185,7 @@ def test_a_residual_that_the_doubt_about_q_explains_is_no_reason_to_forget():
 def test_samples_that_fit_badly_count_less():
     learner, theta = Learner(ARM, config(forget_s=1e4, mass_walk_per_s=0.0)), true_model()
     known, other = learn(learner, theta, 400), theta.copy()
-    other[1 :: N + 1] += 5.0  # each offset, at once
+    other[1 : SIZE - 2 : N + 1] += 5.0  # each offset, at once
     found = (learn(learner, which, 40, known).information - known.information for which in (theta, other))
     fitting, misfitting = (np.trace(gained[1:, 1:]) for gained in found)
     assert misfitting < 0.5 * fitting
@@ -230,7 +232,7 @@ def test_an_acceleration_is_no_missing_force():
     """Of the arm, whatever its reference does: it swings at 4 Hz."""
     learner = Learner(ARM, config(forget_s=1e3))
     state, rate = learner.initial_state(), 25.0
-    none = np.zeros(1 + N * (N + 1))
+    none = np.zeros(SIZE)
     ahead = np.array([0.3, 0.0, 1.0])
     for k in range(1200):
         at = rate * DT * k + ahead

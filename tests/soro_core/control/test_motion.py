@@ -34,7 +34,7 @@ def controller(mass_kg=0.02, **motion):
 
 def test_laws_that_have_learned_the_same_load_ask_for_the_same_force():
     adaptive, state = controller()
-    learned = Learned(np.concatenate([[0.02], np.zeros(12)]))
+    learned = Learned(np.concatenate([[0.02], np.zeros(14)]))
     keys = {"law": "composite", "law_options": {"nonuniform_strain": False}, "reference": {"kind": "hold"}}
     composite = Controller(
         load_robot(find_config("tue_three_bellow", "robots")), parse(keys, ControllerConfig, "test")

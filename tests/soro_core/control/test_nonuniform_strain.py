@@ -159,7 +159,8 @@ def test_the_filter_gets_its_tangent():
     point = controller.configured.sample(1.0)
     belief = ArmBelief(point.q, point.qd, None, True, np.zeros(ARM.n_internal), none, none > 0.0)
     state = law.initial_state()
-    learner = replace(state.learner, learned=Learned(np.concatenate([[LOAD_KG], np.linspace(-1.0, 1.0, 12)])))
+    theta = np.concatenate([[LOAD_KG], np.linspace(-1.0, 1.0, 12), np.zeros(2)])
+    learner = replace(state.learner, learned=Learned(theta))
     state = replace(state, learner=learner)
     state, _, terms = law.step(state, belief, Preview(point, point, 0.0), 0.005)
     at, learned = state.unmodelled.q, law.learner.force

@@ -25,9 +25,9 @@ Q, QD = np.array([0.05, 4.0, -3.0]), np.array([0.1, 20.0, -30.0])
 STEPS = np.array([1e-5, 1e-3, 1e-3, 1e-3, 1e-1, 1e-1])
 
 
-def model(mass_kg, weights=0.0):
+def model(mass_kg, weights=0.0, damping_s=0.0):
     shape = weights * np.random.default_rng(0).normal(size=N * (N + 1))
-    return LearnedInput(Learned(np.concatenate([[mass_kg], shape])), 0.0, 1.0)
+    return LearnedInput(Learned(np.concatenate([[mass_kg], shape, np.full(2, damping_s)])), 0.0, 1.0)
 
 
 def belief_of(filter_, mean=None):
@@ -74,7 +74,7 @@ def test_a_learned_mass_is_a_heavier_arm_in_mean_and_covariance(robot):
 
 
 @pytest.mark.parametrize(
-    "known", [LearnedInput(), model(0.02, 1.0), model(-0.005, 1.0)], ids=["none", "load", "less"]
+    "known", [LearnedInput(), model(0.02, 1.0, 0.02), model(-0.005, 1.0)], ids=["none", "load", "less"]
 )
 def test_the_covariance_moves_by_the_derivatives_of_the_mean(known):
     """Over a short step, so that the terms of higher order of both are small."""
@@ -128,7 +128,7 @@ def test_without_derivatives_differences_give_the_same():
         contacts={"planes": [{"point": [0.0, 0.0, -9.0], "normal": [0.0, 0.0, 1.0], "stiffness": 1e3}]}
     )
     filters = [Filter(SoftArm(one), CONFIG) for one in (ROBOT, held)]
-    ends = [one.predict(belief_of(one), P, DT, model(0.01, 1.0))[0] for one in filters]
+    ends = [one.predict(belief_of(one), P, DT, model(0.01, 1.0, 0.02))[0] for one in filters]
     np.testing.assert_allclose(ends[0].mean, ends[1].mean, rtol=1e-4, atol=1e-6)
     scale = np.sqrt(np.outer(*2 * [np.diag(ends[0].covariance)]))
     assert (np.abs(ends[0].covariance - ends[1].covariance) / scale).max() < 1e-4

@@ -16,7 +16,7 @@ ROBOT = load_robot(find_config("tue_three_bellow", "robots")).replace(base_quate
 LENGTH = ROBOT.length
 DT = 0.005
 LOAD_KG = 0.02
-SIZE = 1 + 3 * 4
+SIZE = 1 + 3 * 4 + 2
 
 
 def learned(mass_kg=LOAD_KG):

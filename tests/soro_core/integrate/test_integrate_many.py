@@ -5,7 +5,8 @@ import pytest
 from rods import bellows
 
 from soro_core import simulate, simulate_many
-from soro_core.errors import ModelError
+from soro_core.errors import ModelError, SoroError
+from soro_core.jobs import Processes
 from tests.refused import fails
 
 RUNS = 6
@@ -33,6 +34,16 @@ def test_each_run_has_the_same_bits_as_alone(cores):
     assert len(runs) == RUNS
     for k, run in enumerate(runs):
         same(run, simulate(arm, q[k], qd[k], pressure=p[k], internal0=z[k], **options))
+
+
+def test_processes_give_the_same_bits():
+    q, options = starts(bellows())[0], {"t_end": 4e-3, "dt": 1e-3}
+    with Processes(2) as executor:
+        runs = simulate_many([bellows().robot] * RUNS, q, executor=executor, **options)
+        with fails(SoroError, "cannot be sent to another process"):
+            simulate_many(bellows(), q, pressure=lambda t: np.zeros(3), executor=executor, **options)
+    for run, start in zip(runs, q, strict=True):
+        same(run, simulate(bellows(), start, **options))
 
 
 def test_robots_may_differ_in_creep():

@@ -1,11 +1,14 @@
 """Searches whose derivatives are taken once: few candidates, nearly the same place."""
 
 import time
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 import pytest
 
 from soro_core.arrays import Array
+from soro_core.jobs import Executor, Here, Threads
 from soro_lab.identification.candidates import slopes
 from soro_lab.identification.search import Search, SearchResult, SearchSettings, secant
 
@@ -60,8 +63,8 @@ def test_no_candidate_is_tried_twice() -> None:
     assert len(tried) == len({x.tobytes() for x in tried})
 
 
-@pytest.mark.parametrize("workers", [1, None])
-def test_the_progress_of_a_search_counts_every_derivative(workers: int | None) -> None:
+@pytest.mark.parametrize("executor", [Here, Threads])
+def test_the_progress_of_a_search_counts_every_derivative(executor: type[Executor]) -> None:
     """With many parameters one step asks for so many simulations that its derivatives take minutes."""
     count, told = 12, list[float]()
     matrix = np.vander(np.linspace(0.1, 1.0, 3 * count), count)
@@ -70,12 +73,14 @@ def test_the_progress_of_a_search_counts_every_derivative(workers: int | None) -
         return np.asarray(matrix @ x - 1.0)
 
     x0, bounds = np.zeros(count), (np.full(count, -1e3), np.full(count, 1e3))
-    Search(residuals, x0, residuals(x0), bounds, SearchSettings(most=1, workers=workers), told.append).run()
+    with executor() as used:
+        settings = SearchSettings(most=1, executor=used)
+        Search(residuals, x0, residuals(x0), bounds, settings, told.append).run()
     assert len(told) >= count
 
 
-@pytest.mark.parametrize("workers", [1, 2])
-def test_ctrl_c_among_derivatives_ends_them(workers: int) -> None:
+@pytest.mark.parametrize("executor", [Here, partial(Threads, 2)])
+def test_ctrl_c_among_derivatives_ends_them(executor: Callable[[], Executor]) -> None:
     count, asked = 40, list[int]()
 
     def residuals(x: Array) -> Array:
@@ -87,6 +92,6 @@ def test_ctrl_c_among_derivatives_ends_them(workers: int) -> None:
         raise KeyboardInterrupt
 
     x0, bounds = np.zeros(count), (np.full(count, -1e3), np.full(count, 1e3))
-    with pytest.raises(KeyboardInterrupt):
-        slopes(residuals, x0, -np.ones(count), 1e-4, bounds, workers, interrupted)
+    with executor() as used, pytest.raises(KeyboardInterrupt):
+        slopes(residuals, x0, -np.ones(count), 1e-4, bounds, used, interrupted)
     assert len(asked) < count // 2

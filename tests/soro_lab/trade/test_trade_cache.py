@@ -39,9 +39,9 @@ def kept(case, tmp_path_factory):
 
 
 def studied(case, folder, error, fresh=False):
-    workers = Counting()
-    study = run_study(case, FEW, Requirement(error=error), workers, Cache(folder, fresh=fresh), repeats=1)
-    return workers.done, study
+    counting = Counting()
+    study = run_study(case, FEW, Requirement(error=error), counting, Cache(folder, fresh=fresh), repeats=1)
+    return counting.done, study
 
 
 def test_fresh_measures_anew_and_keeps_it(case, kept, tmp_path):

@@ -11,7 +11,7 @@ from small import GRID, ROBOT
 from typer.testing import CliRunner
 
 from soro_lab.scene import load_scene
-from soro_lab.trade import cache, grid, reference, study, workers
+from soro_lab.trade import cache, grid, reference, study
 from soro_lab.trade import slow_metrics as late
 from soro_lab.trade.closed_loop import drive
 from soro_ros.cli import application, main
@@ -87,8 +87,8 @@ def test_ctrl_c_writes_what_is_done(soro, tmp_path, monkeypatch):
             os.kill(os.getpid(), signal.SIGINT)
         return known(*arguments)
 
-    known = workers.compute
-    monkeypatch.setattr(workers, "compute", compute)
+    known = study.compute
+    monkeypatch.setattr(study, "compute", compute)
     result = soro("small.yaml", *QUICK, "--error", "5%", "--fresh")
     assert result.exit_code == 130
     assert "interrupted" in result.output

@@ -9,17 +9,18 @@ from small import GRID, Counting, robot
 
 from soro_core import SoftArm, simulate
 from soro_core.integrate import make_stepper
+from soro_core.jobs import Here
 from soro_core.robot import Discretisation
 from soro_lab.identification import ForcedRun
 from soro_lab.scene import Requirement, Scene
 from soro_lab.trade import Candidate, TradeCase, bare_case, cost, run_study
 from soro_lab.trade.cache import Cache
 from soro_lab.trade.grid import PRESETS, around, within
+from soro_lab.trade.outcome import Outcome, compute
 from soro_lab.trade.reference import converge
 from soro_lab.trade.slow_metrics import mean_curvature, measured_error
 from soro_lab.trade.study import Stopped
 from soro_lab.trade.trace import errors, first_frequency_hz, trace
-from soro_lab.trade.workers import Here, Outcome, compute
 
 
 @pytest.fixture(scope="module")
@@ -105,9 +106,9 @@ def test_mean_curvature_of_pieces_and_polynomials():
 
 @pytest.fixture(scope="module")
 def studied(case, tmp_path_factory):
-    cache, workers = Cache(tmp_path_factory.mktemp("cache")), Counting()
+    cache, counting = Cache(tmp_path_factory.mktemp("cache")), Counting()
     requirement = Requirement(error="5%")
-    return cache, workers, run_study(case, GRID, requirement, workers, cache, repeats=1)
+    return cache, counting, run_study(case, GRID, requirement, counting, cache, repeats=1)
 
 
 @pytest.mark.slow
@@ -130,8 +131,8 @@ def test_front_and_choice(studied):
 
 
 def test_what_is_known_is_not_computed_again(case, studied):
-    cache, workers, study = studied
-    assert workers.done
+    cache, counting, study = studied
+    assert counting.done
     again = Counting()
     second = run_study(case, GRID, study.requirement, again, cache, repeats=1)
     assert again.done == []
@@ -146,12 +147,12 @@ def test_what_is_known_is_not_computed_again(case, studied):
 
 
 def test_stopping_keeps_what_is_done(case, studied):
-    workers = Counting()
+    counting = Counting()
     study = run_study(
-        case, GRID, Requirement(error="5%"), workers, None, 1, stop=lambda: len(workers.done) >= 3
+        case, GRID, Requirement(error="5%"), counting, None, 1, stop=lambda: len(counting.done) >= 3
     )
     assert study.stopped
-    assert {row.candidate for row in study.rows} == set(workers.done[:3])
+    assert {row.candidate for row in study.rows} == set(counting.done[:3])
     with pytest.raises(Stopped):
         run_study(case, GRID, Requirement(error="5%"), Here(), stop=lambda: True)
 

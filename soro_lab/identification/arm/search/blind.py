@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import numpy as np
 
 from soro_core.errors import ConfigError
+from soro_core.jobs import given_or_threads, map_jobs
 from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.parameters import is_of_robot
 from soro_lab.identification.arm.cases.predict import predict_measurement
@@ -106,6 +107,6 @@ def swinging(problem: Problem, values: Mapping[str, float]) -> dict[str, float]:
 
     given_starts = ({**middle, **values}, middle) if values else (middle,)
     starts = [start(given, float(factor)) for given in given_starts for factor in _FACTORS]
-    with ThreadPoolExecutor() as pool:  # simulations run beside each other
-        costs = list(pool.map(problem.cost, starts))
+    with given_or_threads(problem.executor) as used, closing(map_jobs(problem.cost, starts, used)) as found:
+        costs = list(found)
     return starts[int(np.argmin(costs))]

@@ -11,6 +11,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import SoroError
+from soro_core.jobs import Executor
 from soro_core.model import SoftArm
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
@@ -78,6 +79,8 @@ class Problem:
         Numbers of the robot that are not searched and differ from it.
     is_constant : bool
         Whether strains are simulated as constant along a link.
+    executor : Executor or None
+        Computes simulations beside each other; None: threads on all cores.
     """
 
     robot: Robot
@@ -86,6 +89,7 @@ class Problem:
     expected: Mapping[str, Array]
     fixed: Mapping[str, float] = field(default_factory=dict)
     is_constant: bool = True
+    executor: Executor | None = None
 
     def value(self, x: Array) -> dict[str, float]:
         """Return the numbers at `x` (n,), in deviations of the prior from its middle."""

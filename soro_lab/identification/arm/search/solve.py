@@ -9,6 +9,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import SoroError
+from soro_core.jobs import given_or_threads
 from soro_core.model import SoftArm
 from soro_lab.identification.arm.cases.case import ArmMotion, clock
 from soro_lab.identification.arm.cases.initial_conditions import is_of_run
@@ -80,7 +81,8 @@ def solve(
     """
     low, high = problem.bounds
     x0 = np.clip(problem.position(start or {}), low + 1e-9, high - 1e-9)
-    return _searched(problem, x0, SearchSettings(most=most, tolerance=tolerance, secant=secant), progress)
+    settings = SearchSettings(most=most, tolerance=tolerance, secant=secant)
+    return _searched(problem, x0, settings, progress)
 
 
 def evaluated(problem: Problem, values: Mapping[str, float]) -> FitSolution:
@@ -95,9 +97,10 @@ def _searched(
     progress: Callable[[float], None] = lambda cost: None,
 ) -> FitSolution:
     rows = _Rows(problem)
-    chosen = replace(settings or SearchSettings(), step=_STEP, squares=len(x0), scale=1.0, workers=None)
-    search = Search(rows.at, x0, rows.first(x0), problem.bounds, chosen, progress, rows.beside)
-    found = search.run() if settings else search.here()
+    with given_or_threads(problem.executor) as used:
+        chosen = replace(settings or SearchSettings(), step=_STEP, squares=len(x0), scale=1.0, executor=used)
+        search = Search(rows.at, x0, rows.first(x0), problem.bounds, chosen, progress, rows.beside)
+        found = search.run() if settings else search.here()
     own = slice(0, len(found.residuals) - len(x0))
     return FitSolution(
         problem.value(found.x),

@@ -1,0 +1,16 @@
+"""Words by which nodes say that they give nothing, or have vented; without ROS, for who reads them."""
+
+# Of a controller while it sends no command, and of an estimator without an estimate.
+NO_COMMAND, NO_ESTIMATE = "no command", "no estimate"
+# Of a node that drives valves, while its latch is closed; and behind it, if someone asked for the vent.
+VENTED, REQUESTED = "vented", "vent requested"
+
+
+def is_requested(message: str) -> bool:
+    """Whether a node says that its arm is vented because someone asked for it, and has become empty."""
+    return message == f"{VENTED}: {REQUESTED}"
+
+
+def add_prefix(prefix: str, text: str) -> str:
+    """Return a text that begins with one of the words above, once; an empty one stays empty."""
+    return text if not text or text.startswith(prefix) else f"{prefix}: {text}"

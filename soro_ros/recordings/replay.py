@@ -26,7 +26,7 @@ from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.ticks.estimator_ticks import EstimatorTicks
 from soro_ros.topics.ports import Inputs, NodeOutputs
 
-# Above the difference that other processors make, whose linear algebra rounds otherwise (docs/replay.md).
+# Above the difference that other processors make, whose linear algebra rounds otherwise (docs/bags.md).
 TOLERANCE = 1e-5
 
 

@@ -65,6 +65,7 @@ def test_the_sidebar_has_the_pages_of_the_index():
     assert found["Tutorials"][0] == "docs/first_run"
     assert "docs/generated/scene_keys" in found["Reference"]
     assert "examples/model" in found["Explanation"]
+    assert "docs/adr/README" in found["Developers"]
     listed = [page for pages in found.values() for page in pages]
     assert {f"docs/{page.stem}" for page in (ROOT / "docs").glob("*.md")} - {"docs/README"} <= set(listed)
 

@@ -29,6 +29,14 @@ Base: TypeAlias = Callable[[float], BaseState]
 def base_rows(base: Base, arm: SoftArm, times: Array) -> Array:
     """Return the inputs (..., WIDTH) of a base at times (...).
 
+    Parameters
+    ----------
+    base : callable
+        State of the base at a time [s].
+    arm : SoftArm
+    times : ndarray (...)
+        [s].
+
     Raises
     ------
     ModelError
@@ -56,7 +64,16 @@ def _row(state: object, arm: SoftArm, t: float) -> Array:
 
 
 def moved(arm: SoftArm, rows: Array, poses: Array) -> Array:
-    """Return poses (n, 4, 4) in the world of sections that have `poses` on the base of the robot file."""
+    """Return poses (n, 4, 4) in the world of sections of an arm on a moved base.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    rows : ndarray (n, WIDTH)
+        Of the base, from `base_rows`.
+    poses : ndarray (n, 4, 4)
+        Of the sections on the base of the robot file.
+    """
     local = np.linalg.inv(_poses(arm.tables.base_rotation[None], arm.tables.base_position[None]))
     there: Array = _poses(rows[:, :9].reshape(-1, 3, 3), rows[:, 9:12]) @ local @ poses
     return there

@@ -110,6 +110,14 @@ def internal_states(arm: SoftArm, air: Air = NO_AIR) -> int:
 def stepping(arm: SoftArm, air: Air = NO_AIR, base: Base | None = None) -> Box:
     """Return tables and workspace for a kernel of `run_of`, for one thread.
 
+    Parameters
+    ----------
+    arm : SoftArm
+    air : Gas, optional
+        Of the chambers, where valves fill them.
+    base : callable, optional
+        State of the base at a time [s], where it moves.
+
     Raises
     ------
     ModelError

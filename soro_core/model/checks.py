@@ -152,7 +152,15 @@ def flat_wrench(robot: Robot, wrench: ArrayLike | None) -> Array:
 
 
 def refuse_push(robot: Robot, inputs: Array, name: str) -> None:
-    """Refuse inputs (..., n_u) in which a tendon would push.
+    """Refuse inputs in which a tendon would push.
+
+    Parameters
+    ----------
+    robot : Robot
+    inputs : ndarray (..., n_u)
+        Pressures [Pa], behind them tensions [N].
+    name : str
+        Of the argument that has them.
 
     Raises
     ------

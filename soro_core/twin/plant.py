@@ -67,7 +67,16 @@ class ArmPlant:
         return self._stepper.initial_state(q, pressure0=pressure_pa if self.has_air else None)
 
     def pose(self, state: State, s: float, t: float) -> Array:
-        """Pose (4, 4) in the world at `s` [m] along the arm at a time [s], on which the base may depend."""
+        """Return the pose (4, 4) of a place in the world.
+
+        Parameters
+        ----------
+        state : State
+        s : float
+            Undeformed arc length from the base [m].
+        t : float
+            Time [s], on which the base may depend.
+        """
         pose = self.arm.pose(state.q, s)
         if self._base is None:
             return pose

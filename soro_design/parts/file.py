@@ -15,7 +15,7 @@ from soro_design.fem.contact import Contact, Obstacle
 from soro_design.fem.elements.material import Hyperelastic, Material, load_material
 from soro_design.parts.geometry import BellowsGeometry, Geometry, RodGeometry
 from soro_design.parts.mesh_geometry import AXES, MeshGeometry
-from soro_design.parts.tendons import Tendon
+from soro_design.parts.tendons import PartTendon
 
 
 class RigidPlane(Strict):
@@ -112,7 +112,7 @@ class PartFile(Strict):
         ContactKeys | None, Field(description="of surfaces with each other and with planes; default: none")
     ] = None
     tendons: Annotated[
-        tuple[Tendon, ...], Field(strict=False, description="of a rod or of a solid mesh")
+        tuple[PartTendon, ...], Field(strict=False, description="of a rod or of a solid mesh")
     ] = ()
     sweeps: Annotated[tuple[LoadSweep, ...], Field(strict=False)]
 

@@ -19,7 +19,7 @@ from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.loads import Loads
 
 
-class Tendon(Strict):
+class PartTendon(Strict):
     """A tendon or a fibre along straight lines between points, in tension alone."""
 
     along_m: Annotated[

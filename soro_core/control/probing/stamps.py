@@ -11,7 +11,6 @@ moves on time.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -137,13 +136,19 @@ def stamp_delay(
         return None
     # An arm bends in two directions with one frequency, and stretches with another.
     motion = moved @ np.linalg.svd(moved, full_matrices=False)[2][:_MAIN].T
-    missed = partial(_missed, grid, pressure, stamps, motion, between)
+
+    def missed(fitted: Array, slow: bool = False) -> Array:
+        """`fitted`: logarithms of the frequency [rad/s] and of the damping ratio, and the delay [s]."""
+        between()
+        rate, ratio = np.exp(fitted[:2])
+        return _missed(grid, _response(pressure, rate, ratio, slow), stamps - fitted[2], motion)
+
     starts = [np.array([np.log(rate), np.log(ratio), 0.0]) for rate in _RATES for ratio in _RATIOS]
     start = min(starts, key=lambda one: float(np.sum(missed(one) ** 2)))
     bounds = np.array([[0.0, np.log(0.01), -_LONGEST_S], [7.0, 5.0, _LONGEST_S]])
     alone, creeping = (
         least_squares(
-            partial(missed, slow=slow), start, bounds=tuple(bounds), x_scale=[0.1, 0.1, 0.01], max_nfev=30
+            missed, start, bounds=tuple(bounds), x_scale=[0.1, 0.1, 0.01], max_nfev=30, args=(slow,)
         )
         for slow in (False, True)
     )
@@ -159,39 +164,26 @@ def stamp_delay(
     return StampDelay(float(best.x[2]), float(np.sqrt(covariance[2, 2])))
 
 
-def _missed(
-    grid: Array,
-    pressure: Array,
-    stamps: Array,
-    motion: Array,
-    between: Callable[[], None],
-    fitted: Array,
-    slow: bool = False,
-) -> Array:
-    """Return what the best gains of the chambers leave of a motion (m, 2), flat.
-
-    `fitted` is the logarithm of the frequency [rad/s], that of the damping ratio, and the delay [s];
-    `slow`: with the slow branch.
-    """
-    from scipy.signal import lfilter
-
-    between()
-    rate = float(np.exp(fitted[0]))
-    response = _response(pressure, rate, float(np.exp(fitted[1])))
-    if slow:
-        kept = np.exp(-_STEP_S * rate / _SLOW)
-        response = np.hstack([response, lfilter([1.0 - kept], [1.0, -kept], response, axis=0)])
-    columns = [np.interp(stamps - fitted[2], grid, one) for one in response.T]
+def _missed(grid: Array, response: Array, stamps: Array, motion: Array) -> Array:
+    """Return what the best gains of the chambers leave of a motion (m, 2), flat."""
+    columns = [np.interp(stamps, grid, one) for one in response.T]
     columns.append(np.ones(stamps.size))
     rows = np.column_stack(columns)
     return np.asarray(motion - rows @ np.linalg.lstsq(rows, motion, rcond=None)[0]).ravel()
 
 
-def _response(pressure: Array, rate: float, ratio: float) -> Array:
-    """Return the answer (n, n_u) of a second-order system to pressures, by the trapezoidal rule."""
+def _response(pressure: Array, rate: float, ratio: float, slow: bool) -> Array:
+    """Return the answer (n, n_u) of a second-order system to pressures, by the trapezoidal rule.
+
+    `slow`: with that of the slow branch behind it, (n, 2 n_u).
+    """
     from scipy.signal import lfilter
 
     w = 0.5 * _STEP_S * rate
     first, second = 1.0 + 2.0 * ratio * w + w * w, 1.0 - 2.0 * ratio * w + w * w
     inputs, outputs = np.array([1.0, 2.0, 1.0]) * w * w, [first, 2.0 * w * w - 2.0, second]
-    return np.asarray(lfilter(inputs, outputs, pressure, axis=0))
+    response = lfilter(inputs, outputs, pressure, axis=0)
+    if slow:
+        kept = np.exp(-_STEP_S * rate / _SLOW)
+        response = np.hstack([response, lfilter([1.0 - kept], [1.0, -kept], response, axis=0)])
+    return np.asarray(response)

@@ -1,7 +1,7 @@
 """Damping that is learned: one retardation time for the stretch and one for the bend of each link.
 
 Beside the robot file's damping R, that of a kind of strain of link i is taken as tau_k K_k, with the
-stiffness K_k of these coordinates where the arm is straight. So one number holds for both bends, for all
+stiffness K_k of these coordinates at rest, q = 0. So one number holds for both bends, for all
 coefficients of a strain and for all pieces of a link, and the units do not depend on the arm.
 """
 
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import eigh
 
 from soro_core.arrays import Array, Integers
 from soro_core.robot.coordinates import strain_fields
@@ -92,12 +93,18 @@ def damping_model(arm: SoftArm, pieces: int = 1) -> DampingModel:
     stiffness, inertia = np.diag(matrix), np.diag(arm.inertia_matrix(zero))
     # A strain without stiffness has no such time, and no learner.
     per_stiffness = np.divide(1.0, stiffness, out=np.zeros_like(stiffness), where=stiffness > 0.0)
-    critical, present = 2.0 * np.sqrt(inertia * per_stiffness), np.diag(arm.damping_matrix()) * per_stiffness
-    groups = [number == i for i in range(len(order))]
+    critical, present = 2.0 * np.sqrt(inertia * per_stiffness), arm.damping_matrix()
+    groups = [np.flatnonzero((number == i) & (stiffness > 0.0)) for i in range(len(order))]
     return DampingModel(
         number,
         np.ascontiguousarray(matrix),
         np.array([critical[fields.stretch == stretch].max() for _, stretch in order]),
-        np.array([(_LEAST_PART - 1.0) * present[own].min() for own in groups]),
+        np.array([(_LEAST_PART - 1.0) * _least_time(present, matrix, own) for own in groups]),
         tuple(f"link{link * pieces}/{'stretch' if stretch else 'bend'}_damping" for link, stretch in order),
     )
+
+
+def _least_time(damping: Array, stiffness: Array, own: Integers) -> float:
+    """Return the shortest retardation time [s] of coordinates: below minus it their damping drives the arm."""
+    block = np.ix_(own, own)
+    return float(eigh(damping[block], stiffness[block], eigvals_only=True)[0]) if own.size else 0.0

@@ -116,7 +116,7 @@ class Predictive(Composite):
         units = round(max(learned.mass_kg, 0.0) / _UNIT_KG)
         beside = Learned(np.array([learned.mass_kg - units * _UNIT_KG, *learned.theta[1:]]))
         by_mass = arm.tip_mass_force(now.q, now.qd, now.qdd)
-        lacking = np.array([force.with_mass(beside, point.q, by_mass) for point in points]) + uneven
+        lacking = np.array([force.with_mass(beside, point.q, point.qd, by_mass) for point in points]) + uneven
         horizon, gain = self.horizon(units), self.learner.chambers.factor(found.learner.chambers, belief.q)
         wish = np.vstack([before, plan])
         state_now = State(belief.q, belief.qd, belief.creep)

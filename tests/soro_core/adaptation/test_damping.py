@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from soro_core import SoftArm, load_robot
+from soro_core import SoftArm, load_robot, robot_from_dict
 from soro_core.adaptation import Learned, Learner, LearnerSample
 from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.damping import damping_model
 from soro_core.adaptation.kept import keep
 from soro_core.adaptation.kernel.information import LearningRule, gain
 from soro_core.config import find_config
@@ -26,6 +27,25 @@ def with_damping(stretch_s, bend_s):
     more = stiffness * [stretch_s, bend_s, bend_s]
     link = fields(FILE.links[0])
     return FILE.replace(links=[link | {"damping": tuple(np.add(link["damping"], more))}])
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_at_its_bound_the_damping_of_a_taper_still_takes_energy(order):
+    """Along a taper the stiffness couples the coefficients of a strain; the damping of the file does not."""
+    varies = {"basis": "legendre", "order": order}
+    link = {
+        "length": 0.2,
+        "density": 1070.0,
+        "material": {"youngs_modulus": 3e5, "shear_modulus": 1e5},
+        "sections": [{"place": 0.0, "radius": 0.012}, {"place": 0.2, "radius": 0.006}],
+        "strains": {"bending_x": varies, "bending_y": varies, "elongation": {}},
+        "damping": [*[1e-4] * (2 * order + 2), 0.5],
+        "chambers": [{"angle_rad": a, "area_m2": 2e-5, "offset_m": 4e-3} for a in (0.0, 2.1, 4.2)],
+    }
+    arm = SoftArm(robot_from_dict({"links": [link]}))
+    model, damping = damping_model(arm), arm.damping_matrix()
+    least = damping + model.lower[model.number][:, None] * model.matrix
+    assert np.linalg.eigvalsh(least).min() > 0.09 * np.linalg.eigvalsh(damping).min()
 
 
 def taught(true, ticks=1600, forget_at=None, **keys):

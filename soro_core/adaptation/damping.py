@@ -105,6 +105,6 @@ def damping_model(arm: SoftArm, pieces: int = 1) -> DampingModel:
 
 
 def _least_time(damping: Array, stiffness: Array, own: Integers) -> float:
-    """Return the shortest retardation time [s] of coordinates: below minus it their damping drives the arm."""
+    """Return the shortest retardation time [s] of coordinates: below minus it they gain energy."""
     block = np.ix_(own, own)
     return float(eigh(damping[block], stiffness[block], eigvals_only=True)[0]) if own.size else 0.0

@@ -79,11 +79,12 @@ class VariedScene:
             if re.match(r"faults\b", key):
                 raise ConfigError(file, f"vary.{key}", one.listed, _NO_DEVICES)
         self.scene = self._loaded({})
-        first = self.file.values(0)
-        self._check(first)
+        # Not a draw, which may be refused as any other one.
+        centre = {key: one.centre for key, one in self.file.vary.items()}
+        self._check(centre)
         for key, one in self.file.vary.items():
             for value in one.listed:
-                self._check({**first, key: value})
+                self._check({**centre, key: value})
 
     def jobs(self, known: Mapping[int, object]) -> Iterator[StudyJob]:
         """Yield the runs that are not known."""

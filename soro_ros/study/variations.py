@@ -68,6 +68,12 @@ class Variation(Strict):
         return middle[:1] if middle else self.uniform or self.integers or self.choice or self.grid or ()
 
     @property
+    def centre(self) -> Any:
+        """The middle of what is drawn evenly, else the first value of `listed`."""
+        one = self.scale or self
+        return sum(one.uniform) / 2 if one.uniform is not None else self.listed[0]
+
+    @property
     def on_grid(self) -> tuple[Any, ...]:
         """Values of a grid; () of what is drawn."""
         return self.grid or (self.scale.on_grid if self.scale is not None else ())

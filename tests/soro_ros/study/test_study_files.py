@@ -1,0 +1,40 @@
+"""Studies and the files that they name: what rows follow from, what is refused, and what a row says."""
+
+import pickle
+from pathlib import Path
+
+import pytest
+import yaml
+
+from soro_core.errors import ConfigError
+from soro_ros.study import runs
+from soro_ros.study.folder import StudyFolder
+from soro_ros.study.runs import VariedScene, row_of
+from tests.soro_ros.study.test_study import SCENE, folder, soro, table, vary  # noqa: F401
+
+ARM = {"based_on": "tue_three_bellow"}
+LAW = "from soro_core.control.laws.tip_pid import TipPid\n\n\nclass Own(TipPid):\n    pass\n"
+NEGATIVE = {"plant.tip_mass": {"normal": [0.0, 0.005]}}
+
+
+def written(name, **keys):
+    Path(name).write_text(yaml.safe_dump(keys))
+
+
+def varied(changes=None, samples=1, seed=1, **keys):
+    written("vary.yaml", samples=samples, seed=seed, vary=keys or {"seed": {"grid": [1]}})
+    return VariedScene("short.yaml", changes or {}, "vary.yaml")
+
+
+def seed_below_0(count):
+    """Return a seed whose first draws are masses below 0."""
+    asked = (runs.StudyFile(samples=count, seed=seed, vary=NEGATIVE) for seed in range(1, 50))
+    return next(
+        one.seed for one in asked if all(one.values(k)["plant.tip_mass"] < 0.0 for k in range(count))
+    )
+
+
+def test_a_first_draw_that_is_refused_is_a_row():
+    job = next(varied(samples=2, seed=seed_below_0(1), **NEGATIVE).jobs({}))
+    assert row_of(job)["verdict"] == "refused"
+    assert "tip_mass" in job.refusal

@@ -23,7 +23,7 @@ from soro_ros.study.closed_loop import run_in_process, ticks_of
 from soro_ros.study.variations import StudyFile, robot_value
 
 FIGURES = (
-    "duration_s",
+    "judged_s",
     "tip_error_first_rms_m",
     "tip_error_last_rms_m",
     "tip_error_last_max_m",
@@ -34,7 +34,10 @@ FIGURES = (
     "saturated_part",
     "saturated_last_part",
 )
-"""Columns of the table that the summary of `soro run` has too; behind them `verdict` and `reason`."""
+"""Columns of the table that the summary of `soro run` has too, there `duration_s` for `judged_s`, which is no key
+of a scene; behind them `verdict` and `reason`."""
+COLUMNS = ("run", *FIGURES, "verdict", "reason")
+_NAMES = {"judged_s": "duration_s"}
 _NO_DEVICES = "none: faults of devices need soro run; without devices: payload, sensors, robot.* and plant.*"
 
 
@@ -76,6 +79,9 @@ class VariedScene:
         for key, one in self.file.vary.items():
             if key == "mode":
                 raise ConfigError(file, "vary.mode", one.listed, "lockstep alone: a study has no deadlines")
+            if key in COLUMNS:
+                allowed = f"a key below it, as {key}.KEY: the table has another column of this name"
+                raise ConfigError(file, f"vary.{key}", one.listed, allowed)
             if re.match(r"faults\b", key):
                 raise ConfigError(file, f"vary.{key}", one.listed, _NO_DEVICES)
         self.scene = self._loaded({})
@@ -158,7 +164,7 @@ def row_of(job: StudyJob) -> dict[str, Any]:
     except ConfigError as error:
         end = End(2, str(error))
     verdict = judge(summary, job.scene, end, recording)
-    figures = {name: getattr(summary, name, math.nan) for name in FIGURES}
+    figures = {name: getattr(summary, _NAMES.get(name, name), math.nan) for name in FIGURES}
     row |= {name: value for name, value in figures.items() if math.isfinite(value)}
     return {**row, "verdict": verdict.word, "reason": verdict.reason}
 

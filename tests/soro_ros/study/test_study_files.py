@@ -38,3 +38,18 @@ def test_a_first_draw_that_is_refused_is_a_row():
     job = next(varied(samples=2, seed=seed_below_0(1), **NEGATIVE).jobs({}))
     assert row_of(job)["verdict"] == "refused"
     assert "tip_mass" in job.refusal
+
+
+def test_the_duration_may_vary():
+    written("vary.yaml", samples=4, seed=18, vary={"duration_s": {"normal": [0.15, 0.1]}})
+    assert soro().exit_code == 0
+    asked = runs.StudyFile(samples=4, seed=18, vary={"duration_s": {"normal": [0.15, 0.1]}})
+    rows = table()
+    assert [row["duration_s"] for row in rows] == [asked.values(k)["duration_s"] for k in range(4)]
+    assert {row["verdict"] for row in rows if row["duration_s"] <= 0.0} == {"refused"}
+    assert all(row["judged_s"] is None or row["judged_s"] <= row["duration_s"] for row in rows)
+
+
+def test_a_key_with_the_name_of_another_column_is_refused():
+    with pytest.raises(ConfigError, match=r"vary\.verdict: .*column"):
+        varied(verdict={"choice": [{}]})

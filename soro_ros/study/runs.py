@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import inspect
 import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from soro_core._jit import compiling_once
 from soro_core.config import find_config, load
+from soro_core.control.laws.registry import find_law
 from soro_core.errors import ConfigError, SoroError
 from soro_core.robot import Robot
 from soro_core.twin.config import described_plant
@@ -85,6 +89,8 @@ class VariedScene:
             if re.match(r"faults\b", key):
                 raise ConfigError(file, f"vary.{key}", one.listed, _NO_DEVICES)
         self.scene = self._loaded({})
+        self.described = [described(self.scene)]
+        """What the files of the scene say, then those of each listed value."""
         # Not a draw, which may be refused as any other one.
         centre = {key: one.centre for key, one in self.file.vary.items()}
         self._check(centre)
@@ -147,6 +153,19 @@ class VariedScene:
             raise ConfigError(where, "valves", "real", "emulated: a study has no devices")
         check_scene(scene, where)
         check_gains(scene, scene.loaded_robot, where)
+        self.described.append(described(scene))
+
+
+def described(scene: Scene) -> dict[str, Any]:
+    """Return the keys of a scene and what the files say that it names, as plain values; of a law its hash."""
+    law, platform = scene.controller.law, scene.loaded_platform
+    files = {inspect.getfile(find_law(law)), *re.findall(r"(.+\.py):", law)}
+    return scene.to_dict() | {
+        "robot": scene.loaded_robot.model_dump(mode="json"),
+        "platform": None if platform is None else platform.model_dump(mode="json"),
+        "plant": described_plant(scene.loaded_robot, scene.twin_node()).model_dump(mode="json"),
+        "law": sorted(hashlib.sha256(Path(file).read_bytes()).hexdigest() for file in files),
+    }
 
 
 def row_of(job: StudyJob) -> dict[str, Any]:

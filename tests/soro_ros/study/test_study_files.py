@@ -53,3 +53,24 @@ def test_the_duration_may_vary():
 def test_a_key_with_the_name_of_another_column_is_refused():
     with pytest.raises(ConfigError, match=r"vary\.verdict: .*column"):
         varied(verdict={"choice": [{}]})
+
+
+@pytest.mark.parametrize(
+    ("changes", "keys"),
+    [
+        ({"twin.plant": "other.yaml"}, {}),
+        ({}, {"robot": {"choice": ["tue_three_bellow", "other.yaml"]}}),
+        ({}, {"twin.plant": {"grid": ["", "other.yaml"]}}),
+        ({"controller.law": "own.py:Own"}, {}),
+        ({}, {"controller.law": {"choice": ["composite", "own.py:Own"]}}),
+    ],
+)
+def test_rows_of_another_content_of_a_file_are_refused(changes, keys):
+    written("other.yaml", **ARM, tip_mass=0.001)
+    Path("own.py").write_text(LAW)
+    StudyFolder(Path("out"), varied(changes, **keys))
+    StudyFolder(Path("out"), varied(changes, **keys))
+    written("other.yaml", **ARM, tip_mass=0.002)
+    Path("own.py").write_text(LAW + "\n# changed\n")
+    with pytest.raises(ConfigError, match="runs of another"):
+        StudyFolder(Path("out"), varied(changes, **keys))

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from soro_core._jit import compiling_once
-from soro_core.config import find_config, load
+from soro_core.config import find_config, load, with_changes
 from soro_core.control.laws.registry import find_law
 from soro_core.errors import ConfigError, SoroError
 from soro_core.robot import Robot
@@ -47,7 +47,9 @@ _NO_DEVICES = "none: faults of devices need soro run; without devices: payload, 
 
 @dataclass(frozen=True)
 class StudyJob:
-    """One run: its values by key, its scene with what the files say, and the true robot, if that varies.
+    """One run: its values by key, its scene with what the files say, and the true robot, if it is another one.
+
+    Such a scene names no file of a plant: a worker elsewhere does not have it.
 
     Without a scene it is refused, for the reason `refusal`.
     """
@@ -110,6 +112,15 @@ class VariedScene:
 
     def job(self, number: int, values: Mapping[str, Any]) -> StudyJob:
         """Return a run with values of `StudyFile.values`; raises ConfigError if one is not allowed."""
+        scene, plant = self._varied(values)
+        check_scene(scene, scene.name)
+        check_gains(scene, scene.loaded_robot, scene.name)
+        if plant is not None:
+            scene = scene.with_twin(with_changes(scene.twin, plant=""))
+        return StudyJob(number, values, scene, plant)
+
+    def _varied(self, values: Mapping[str, Any]) -> tuple[Scene, Robot | None]:
+        """Return the scene with values, and the true robot, if it is another one."""
         kinds: dict[str, dict[str, tuple[str, Any]]] = {"": {}, "robot.": {}, "plant.": {}}
         for key, value in values.items():
             kind = key[:6] if key[:6] in kinds else ""
@@ -122,11 +133,9 @@ class VariedScene:
         scene = self._loaded({k: self.file.scaled(*given, self._there(k)) for k, given in kinds[""].items()})
         if kinds["robot."]:
             scene = scene.with_robot(of(scene.loaded_robot, "robot."))
-        if not kinds["plant."]:
-            return StudyJob(number, values, scene)
-        return StudyJob(
-            number, values, scene, of(described_plant(scene.loaded_robot, scene.twin_node()), "plant.")
-        )
+        if not (kinds["plant."] or scene.twin.plant):
+            return scene, None
+        return scene, of(described_plant(scene.loaded_robot, scene.twin_node()), "plant.")
 
     def _there(self, key: str) -> Any:
         value: Any = self.scene.to_dict()
@@ -145,8 +154,7 @@ class VariedScene:
         return scene
 
     def _check(self, values: Mapping[str, Any]) -> None:
-        scene, where = self.job(0, values).scene, str(find_config(self._name, "scenes"))
-        assert scene is not None
+        (scene, _), where = self._varied(values), str(find_config(self._name, "scenes"))
         if scene.faults:
             raise ConfigError(where, "faults", ", ".join(map(str, scene.faults)), _NO_DEVICES)
         if scene.valves == "real":
@@ -175,9 +183,7 @@ def row_of(job: StudyJob) -> dict[str, Any]:
         return {**row, "verdict": "refused", "reason": job.refusal}
     recording = summary = None
     try:
-        check_scene(job.scene, job.scene.name)
-        check_gains(job.scene, job.scene.loaded_robot, job.scene.name)
-        _warm_up(job.scene)
+        _warm_up(job.scene, job.plant)
         recording, end = run_in_process(job.scene, job.plant)
         summary = report.summarise(recording, job.scene)
     except ConfigError as error:
@@ -191,9 +197,9 @@ def row_of(job: StudyJob) -> dict[str, Any]:
 _warmed: list[bool] = []
 
 
-def _warm_up(scene: Scene) -> None:
+def _warm_up(scene: Scene, plant: Robot | None) -> None:
     """Load or compile the kernels of the first run of this process, one process at a time."""
     if not _warmed:
         _warmed.append(True)
         with compiling_once(), contextlib.suppress(SoroError):  # the run itself says so
-            list(islice(ticks_of(scene), 4))
+            list(islice(ticks_of(scene, plant), 4))

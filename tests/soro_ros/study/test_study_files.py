@@ -74,3 +74,14 @@ def test_rows_of_another_content_of_a_file_are_refused(changes, keys):
     Path("own.py").write_text(LAW + "\n# changed\n")
     with pytest.raises(ConfigError, match="runs of another"):
         StudyFolder(Path("out"), varied(changes, **keys))
+
+
+def test_a_worker_needs_no_file_of_the_plant():
+    written("other.yaml", **ARM, tip_mass=0.001)
+    study = varied({"twin.plant": "other.yaml"})
+    job = pickle.dumps(study.job(0, study.file.values(0)))
+    there = row_of(pickle.loads(job))
+    Path("other.yaml").rename("away.yaml")
+    row = row_of(pickle.loads(job))
+    assert row["verdict"] != "refused", row["reason"]
+    assert row == there

@@ -36,8 +36,8 @@ def study(
 
     Each run is one process without ROS and without devices; its verdict is that of soro run. Writes a table
     (runs.parquet), a summary with confidence intervals and a picture. Ctrl-C keeps what is done; the same
-    command goes on where it stopped. Exit status 0: all runs are done, whatever their verdicts; 2: wrong use;
-    130: interrupted.
+    command goes on where it stopped. Exit status 0: all runs are done, whatever their verdicts; 1: all are
+    refused; 2: wrong use; 130: interrupted.
     """
     from soro_core.jobs import executor_of, map_jobs
     from soro_ros.study.folder import StudyFolder
@@ -66,6 +66,9 @@ def study(
     if len(folder.rows) < total:
         console.print(f"interrupted: {len(folder.rows)} of {total} runs are done; the same command goes on")
         raise typer.Exit(130)
+    if all(row["verdict"] == "refused" for row in folder.rows.values()):
+        console.print(f"every run is refused, the first one: {folder.in_order[0]['reason']}", soft_wrap=True)
+        raise typer.Exit(1)
 
 
 def _write(folder: StudyFolder, keys: list[str]) -> None:

@@ -23,7 +23,7 @@ from soro_lab.scene import Scene, check_gains, check_scene, load_scene
 from soro_ros.recordings import report
 from soro_ros.recordings.verdict import judge
 from soro_ros.run.end import End
-from soro_ros.study.closed_loop import run_in_process, ticks_of
+from soro_ros.study.closed_loop import run_in_process, ticks_of, twin_of
 from soro_ros.study.variations import StudyFile, robot_value
 
 FIGURES = (
@@ -154,13 +154,14 @@ class VariedScene:
         return scene
 
     def _check(self, values: Mapping[str, Any]) -> None:
-        (scene, _), where = self._varied(values), str(find_config(self._name, "scenes"))
+        (scene, plant), where = self._varied(values), str(find_config(self._name, "scenes"))
         if scene.faults:
             raise ConfigError(where, "faults", ", ".join(map(str, scene.faults)), _NO_DEVICES)
         if scene.valves == "real":
             raise ConfigError(where, "valves", "real", "emulated: a study has no devices")
         check_scene(scene, where)
         check_gains(scene, scene.loaded_robot, where)
+        twin_of(scene, plant)
         self.described.append(described(scene))
 
 

@@ -85,3 +85,18 @@ def test_a_worker_needs_no_file_of_the_plant():
     row = row_of(pickle.loads(job))
     assert row["verdict"] != "refused", row["reason"]
     assert row == there
+
+
+def test_a_plant_that_cannot_be_computed_is_refused_before_anything_runs():
+    written("tendon.yaml", **ARM, tendons=[{"angle_rad": 0.0, "offset_m": 0.01}])
+    with pytest.raises(ConfigError, match="tendons"):
+        varied({"twin.plant": "tendon.yaml"})
+    with pytest.raises(ConfigError, match="tendons"):
+        varied(**{"twin.plant": {"choice": ["", "tendon.yaml"]}})
+
+
+def test_rows_that_are_all_refused_are_a_bad_result():
+    written("vary.yaml", samples=2, seed=seed_below_0(2), vary=NEGATIVE)
+    result = soro()
+    assert result.exit_code == 1, result.output
+    assert [row["verdict"] for row in table()] == ["refused"] * 2

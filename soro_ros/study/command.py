@@ -41,7 +41,7 @@ def study(
     """
     from soro_core.jobs import executor_of, map_jobs
     from soro_ros.study.folder import StudyFolder
-    from soro_ros.study.runs import VariedScene, row_of
+    from soro_ros.study.runs import VariedScene, row_of, warm_up
 
     require("parquet")
     console = Console(stderr=True)
@@ -51,6 +51,8 @@ def study(
         total, before = varied.file.runs, len(folder.rows)
         if before:
             console.print(f"{before} of {total} runs are done already")
+        if before < total and not dask:
+            warm_up(varied.scene)  # here, where it is said: workers of this machine find the kernels
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=console) as bar:
             task = bar.add_task("runs", total=total, completed=before)

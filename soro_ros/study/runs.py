@@ -184,7 +184,7 @@ def row_of(job: StudyJob) -> dict[str, Any]:
         return {**row, "verdict": "refused", "reason": job.refusal}
     recording = summary = None
     try:
-        _warm_up(job.scene, job.plant)
+        warm_up(job.scene, job.plant)
         recording, end = run_in_process(job.scene, job.plant)
         summary = report.summarise(recording, job.scene)
     except ConfigError as error:
@@ -198,7 +198,7 @@ def row_of(job: StudyJob) -> dict[str, Any]:
 _warmed: list[bool] = []
 
 
-def _warm_up(scene: Scene, plant: Robot | None) -> None:
+def warm_up(scene: Scene, plant: Robot | None = None) -> None:
     """Load or compile the kernels of the first run of this process, one process at a time."""
     if not _warmed:
         _warmed.append(True)

@@ -29,9 +29,7 @@ def varied(changes=None, samples=1, seed=1, **keys):
 def seed_below_0(count):
     """Return a seed whose first draws are masses below 0."""
     asked = (runs.StudyFile(samples=count, seed=seed, vary=NEGATIVE) for seed in range(1, 50))
-    return next(
-        one.seed for one in asked if all(one.values(k)["plant.tip_mass"] < 0.0 for k in range(count))
-    )
+    return next(one.seed for one in asked if all(one.values(k)["plant.tip_mass"] < 0.0 for k in range(count)))
 
 
 def test_a_first_draw_that_is_refused_is_a_row():
@@ -100,3 +98,16 @@ def test_rows_that_are_all_refused_are_a_bad_result():
     result = soro()
     assert result.exit_code == 1, result.output
     assert [row["verdict"] for row in table()] == ["refused"] * 2
+
+
+def test_kernels_are_compiled_before_runs_are_given_to_processes(monkeypatch):
+    """This process says that it compiles; a worker does not."""
+    import soro_core.jobs
+
+    steps = []
+    monkeypatch.setattr(runs, "_warmed", [])
+    monkeypatch.setattr(runs, "ticks_of", lambda *_: steps.append("kernels") or iter(()))
+    monkeypatch.setattr(soro_core.jobs, "map_jobs", lambda *_: (steps.append("runs") for _ in ()))
+    written("vary.yaml", vary={"seed": {"grid": [1, 2]}})
+    assert soro("--jobs", "2").exit_code == 130
+    assert steps == ["kernels"]

@@ -59,7 +59,7 @@ def map_jobs(
                 is_alone = again or any(number in losses for number, _ in running.values())
                 if len(running) >= (1 if is_alone else max(1, executor.width)):
                     break
-                # The one with the fewest losses first: what ends its worker each time comes behind the others.
+                # The fewest losses first: what ends its worker each time comes behind the others.
                 job = min(again, key=lambda one: losses[one[0]]) if again else next(numbered, None)
                 if job is None:
                     break

@@ -38,16 +38,16 @@ FIGURES = (
     "saturated_part",
     "saturated_last_part",
 )
-"""Columns of the table that the summary of `soro run` has too, there `duration_s` for `judged_s`, which is no key
-of a scene; behind them `verdict` and `reason`."""
+"""Columns of the table that the summary of `soro run` has too; behind them `verdict` and `reason`."""
 COLUMNS = ("run", *FIGURES, "verdict", "reason")
+# Names in that summary which are keys of a scene here.
 _NAMES = {"judged_s": "duration_s"}
 _NO_DEVICES = "none: faults of devices need soro run; without devices: payload, sensors, robot.* and plant.*"
 
 
 @dataclass(frozen=True)
 class StudyJob:
-    """One run: its values by key, its scene with what the files say, and the true robot, if it is another one.
+    """One run: its values by key, its scene with what the files say, and the true robot, if it differs.
 
     Such a scene names no file of a plant: a worker elsewhere does not have it.
 

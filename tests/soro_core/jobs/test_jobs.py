@@ -102,8 +102,7 @@ def test_a_job_that_ends_every_process_is_named():
 def test_the_neighbour_of_a_job_that_ends_processes_is_done(tmp_path, jobs):
     done = []
     with Processes(2) as executor, pytest.raises(SoroError, match=f"3 times at job {jobs.index(0)}"):
-        for one in map_jobs(partial(ends_beside, tmp_path), jobs, executor, False):
-            done.append(one)
+        done.extend(map_jobs(partial(ends_beside, tmp_path), jobs, executor, False))
     assert done == [1]
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from soro_core.config import find_config, read_yaml
 from soro_core.errors import ConfigError
 from soro_ros.study import runs
 from soro_ros.study.folder import StudyFolder
@@ -59,15 +60,19 @@ def test_a_key_with_the_name_of_another_column_is_refused():
         ({"twin.plant": "other.yaml"}, {}),
         ({}, {"robot": {"choice": ["tue_three_bellow", "other.yaml"]}}),
         ({}, {"twin.plant": {"grid": ["", "other.yaml"]}}),
+        ({}, {"platform": {"choice": ["", "valves.yaml"]}}),
         ({"controller.law": "own.py:Own"}, {}),
         ({}, {"controller.law": {"choice": ["composite", "own.py:Own"]}}),
     ],
 )
 def test_rows_of_another_content_of_a_file_are_refused(changes, keys):
+    valves = read_yaml(find_config("emulated_canopen", "platforms"))
+    written("valves.yaml", **valves)
     written("other.yaml", **ARM, tip_mass=0.001)
     Path("own.py").write_text(LAW)
     StudyFolder(Path("out"), varied(changes, **keys))
     StudyFolder(Path("out"), varied(changes, **keys))
+    written("valves.yaml", **valves | {"regulator": valves["regulator"] | {"tau_s": 0.123}})
     written("other.yaml", **ARM, tip_mass=0.002)
     Path("own.py").write_text(LAW + "\n# changed\n")
     with pytest.raises(ConfigError, match="runs of another"):

@@ -28,7 +28,8 @@ def map_jobs(
 ) -> Generator[Done, None, None]:
     """Yield what a function returns for each item; the results do not depend on the executor.
 
-    Items are taken as they are needed. A job whose worker ends is done again. Close the iterator to give up
+    Items are taken as they are needed. A job whose worker ends is done again, alone: a job beside it may have
+    ended the worker. Close the iterator to give up
     what has not begun; an interrupt in it does so.
 
     Parameters
@@ -54,10 +55,16 @@ def map_jobs(
     is_stopped = False
     try:
         while True:
-            while not (is_stopped := is_stopped or stop()) and len(running) < max(1, executor.width):
-                job = again.pop() if again else next(numbered, None)
+            while not (is_stopped := is_stopped or stop()):
+                is_alone = again or any(number in losses for number, _ in running.values())
+                if len(running) >= (1 if is_alone else max(1, executor.width)):
+                    break
+                # The fewest losses first: what ends its worker each time comes behind the others.
+                job = min(again, key=lambda one: losses[one[0]]) if again else next(numbered, None)
                 if job is None:
                     break
+                if again:
+                    again.remove(job)
                 running[executor.submit(function, job[1])] = job
             if not running:
                 break

@@ -43,6 +43,28 @@ class RunTick(NamedTuple):
     command: Command | None
 
 
+def twin_of(scene: Scene, plant: Robot | None = None) -> Twin:
+    """Return the simulated robot of a scene, without devices.
+
+    Parameters
+    ----------
+    scene : Scene
+    plant : Robot, optional
+        The true robot, in place of what the scene says.
+
+    Raises
+    ------
+    ConfigError
+        If it cannot be simulated.
+    """
+    changes: dict[str, Any] = {"pressures": "regulators", "plant_link": "", "fault_link": ""}
+    if scene.loaded_platform is not None:
+        changes["regulator"] = scene.loaded_platform.regulator
+    if plant is not None:
+        changes["plant"] = ""
+    return Twin(plant or scene.loaded_robot, with_changes(scene.twin_node(), **changes))
+
+
 def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
     """Run the loop of a scene in lockstep; a command passes the limiter a tick after what it answers.
 
@@ -59,16 +81,11 @@ def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
     SoroError
         If the arm has no further step, the probe refuses it, or the limiter vents.
     """
-    changes: dict[str, Any] = {"pressures": "regulators", "plant_link": "", "fault_link": ""}
-    if scene.loaded_platform is not None:
-        changes["regulator"] = scene.loaded_platform.regulator
-    if plant is not None:
-        changes["plant"] = ""
-    config, loop = with_changes(scene.twin_node(), **changes), loop_of(scene)
-    twin, controller = Twin(plant or scene.loaded_robot, config), loop.controller
+    twin, loop = twin_of(scene, plant), loop_of(scene)
+    controller = loop.controller
     if (reach := scene.controller_node().reach) > 0.0:
         check_reach(controller, reach)
-    limiter = Limiter(scene.limits, scene.loaded_robot.chamber_names, config.regulator)
+    limiter = Limiter(scene.limits, scene.loaded_robot.chamber_names, twin.config.regulator)
     period_ns, first = round(1e9 * twin.dt), 0
     state, seen = twin.observe(twin.initial())
     # The first tick has no estimate.

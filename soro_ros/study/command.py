@@ -36,12 +36,12 @@ def study(
 
     Each run is one process without ROS and without devices; its verdict is that of soro run. Writes a table
     (runs.parquet), a summary with confidence intervals and a picture. Ctrl-C keeps what is done; the same
-    command goes on where it stopped. Exit status 0: all runs are done, whatever their verdicts; 2: wrong use;
-    130: interrupted.
+    command goes on where it stopped. Exit status 0: all runs are done, whatever their verdicts; 1: all are
+    refused; 2: wrong use; 130: interrupted.
     """
     from soro_core.jobs import executor_of, map_jobs
     from soro_ros.study.folder import StudyFolder
-    from soro_ros.study.runs import VariedScene, row_of
+    from soro_ros.study.runs import VariedScene, row_of, warm_up
 
     require("parquet")
     console = Console(stderr=True)
@@ -51,6 +51,8 @@ def study(
         total, before = varied.file.runs, len(folder.rows)
         if before:
             console.print(f"{before} of {total} runs are done already")
+        if before < total and not dask:
+            warm_up(varied.scene)  # here, where it is said: workers of this machine find the kernels
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         with Progress(*columns, console=console) as bar:
             task = bar.add_task("runs", total=total, completed=before)
@@ -66,6 +68,9 @@ def study(
     if len(folder.rows) < total:
         console.print(f"interrupted: {len(folder.rows)} of {total} runs are done; the same command goes on")
         raise typer.Exit(130)
+    if all(row["verdict"] == "refused" for row in folder.rows.values()):
+        console.print(f"every run is refused, the first one: {folder.in_order[0]['reason']}", soft_wrap=True)
+        raise typer.Exit(1)
 
 
 def _write(folder: StudyFolder, keys: list[str]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -85,15 +86,12 @@ class StudyFolder:
 
 def _asked(varied: VariedScene) -> dict[str, Any]:
     """Return what rows follow from, as plain values."""
-    scene, platform = varied.scene, varied.scene.loaded_platform
-    files = {
-        "robot": scene.loaded_robot.model_dump(mode="json"),
-        "platform": None if platform is None else platform.model_dump(mode="json"),
-    }
+    scene, *listed = varied.described
     found = {
         "soro": fingerprint(),
-        "SCENE": scene.to_dict() | files,
+        "SCENE": scene,
         "--vary": varied.file.model_dump(mode="json", exclude_unset=True),
+        "--vary files": hashlib.sha256(json.dumps(listed, sort_keys=True).encode()).hexdigest(),
     }
     plain: dict[str, Any] = json.loads(json.dumps(found))
     return plain

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import hashlib
+import inspect
 import math
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from soro_core._jit import compiling_once
-from soro_core.config import find_config, load
+from soro_core.config import find_config, load, with_changes
+from soro_core.control.laws.registry import find_law
 from soro_core.errors import ConfigError, SoroError
 from soro_core.robot import Robot
 from soro_core.twin.config import described_plant
@@ -19,11 +23,11 @@ from soro_lab.scene import Scene, check_gains, check_scene, load_scene
 from soro_ros.recordings import report
 from soro_ros.recordings.verdict import judge
 from soro_ros.run.end import End
-from soro_ros.study.closed_loop import run_in_process, ticks_of
+from soro_ros.study.closed_loop import run_in_process, ticks_of, twin_of
 from soro_ros.study.variations import StudyFile, robot_value
 
 FIGURES = (
-    "duration_s",
+    "judged_s",
     "tip_error_first_rms_m",
     "tip_error_last_rms_m",
     "tip_error_last_max_m",
@@ -35,12 +39,17 @@ FIGURES = (
     "saturated_last_part",
 )
 """Columns of the table that the summary of `soro run` has too; behind them `verdict` and `reason`."""
+COLUMNS = ("run", *FIGURES, "verdict", "reason")
+# Names in that summary which are keys of a scene here.
+_NAMES = {"judged_s": "duration_s"}
 _NO_DEVICES = "none: faults of devices need soro run; without devices: payload, sensors, robot.* and plant.*"
 
 
 @dataclass(frozen=True)
 class StudyJob:
-    """One run: its values by key, its scene with what the files say, and the true robot, if that varies.
+    """One run: its values by key, its scene with what the files say, and the true robot, if it differs.
+
+    Such a scene names no file of a plant: a worker elsewhere does not have it.
 
     Without a scene it is refused, for the reason `refusal`.
     """
@@ -76,14 +85,20 @@ class VariedScene:
         for key, one in self.file.vary.items():
             if key == "mode":
                 raise ConfigError(file, "vary.mode", one.listed, "lockstep alone: a study has no deadlines")
+            if key in COLUMNS:
+                allowed = f"a key below it, as {key}.KEY: the table has another column of this name"
+                raise ConfigError(file, f"vary.{key}", one.listed, allowed)
             if re.match(r"faults\b", key):
                 raise ConfigError(file, f"vary.{key}", one.listed, _NO_DEVICES)
         self.scene = self._loaded({})
-        first = self.file.values(0)
-        self._check(first)
+        self.described = [described(self.scene)]
+        """What the files of the scene say, then those of each listed value."""
+        # Not a draw, which may be refused as any other one.
+        centre = {key: one.centre for key, one in self.file.vary.items()}
+        self._check(centre)
         for key, one in self.file.vary.items():
             for value in one.listed:
-                self._check({**first, key: value})
+                self._check({**centre, key: value})
 
     def jobs(self, known: Mapping[int, object]) -> Iterator[StudyJob]:
         """Yield the runs that are not known."""
@@ -97,6 +112,15 @@ class VariedScene:
 
     def job(self, number: int, values: Mapping[str, Any]) -> StudyJob:
         """Return a run with values of `StudyFile.values`; raises ConfigError if one is not allowed."""
+        scene, plant = self._varied(values)
+        check_scene(scene, scene.name)
+        check_gains(scene, scene.loaded_robot, scene.name)
+        if plant is not None:
+            scene = scene.with_twin(with_changes(scene.twin, plant=""))
+        return StudyJob(number, values, scene, plant)
+
+    def _varied(self, values: Mapping[str, Any]) -> tuple[Scene, Robot | None]:
+        """Return the scene with values, and the true robot, if it is another one."""
         kinds: dict[str, dict[str, tuple[str, Any]]] = {"": {}, "robot.": {}, "plant.": {}}
         for key, value in values.items():
             kind = key[:6] if key[:6] in kinds else ""
@@ -109,11 +133,9 @@ class VariedScene:
         scene = self._loaded({k: self.file.scaled(*given, self._there(k)) for k, given in kinds[""].items()})
         if kinds["robot."]:
             scene = scene.with_robot(of(scene.loaded_robot, "robot."))
-        if not kinds["plant."]:
-            return StudyJob(number, values, scene)
-        return StudyJob(
-            number, values, scene, of(described_plant(scene.loaded_robot, scene.twin_node()), "plant.")
-        )
+        if not (kinds["plant."] or scene.twin.plant):
+            return scene, None
+        return scene, of(described_plant(scene.loaded_robot, scene.twin_node()), "plant.")
 
     def _there(self, key: str) -> Any:
         value: Any = self.scene.to_dict()
@@ -132,14 +154,27 @@ class VariedScene:
         return scene
 
     def _check(self, values: Mapping[str, Any]) -> None:
-        scene, where = self.job(0, values).scene, str(find_config(self._name, "scenes"))
-        assert scene is not None
+        (scene, plant), where = self._varied(values), str(find_config(self._name, "scenes"))
         if scene.faults:
             raise ConfigError(where, "faults", ", ".join(map(str, scene.faults)), _NO_DEVICES)
         if scene.valves == "real":
             raise ConfigError(where, "valves", "real", "emulated: a study has no devices")
         check_scene(scene, where)
         check_gains(scene, scene.loaded_robot, where)
+        twin_of(scene, plant)
+        self.described.append(described(scene))
+
+
+def described(scene: Scene) -> dict[str, Any]:
+    """Return the keys of a scene and what the files say that it names, as plain values; of a law its hash."""
+    law, platform = scene.controller.law, scene.loaded_platform
+    files = {inspect.getfile(find_law(law)), *re.findall(r"(.+\.py):", law)}
+    return scene.to_dict() | {
+        "robot": scene.loaded_robot.model_dump(mode="json"),
+        "platform": None if platform is None else platform.model_dump(mode="json"),
+        "plant": described_plant(scene.loaded_robot, scene.twin_node()).model_dump(mode="json"),
+        "law": sorted(hashlib.sha256(Path(file).read_bytes()).hexdigest() for file in files),
+    }
 
 
 def row_of(job: StudyJob) -> dict[str, Any]:
@@ -149,15 +184,13 @@ def row_of(job: StudyJob) -> dict[str, Any]:
         return {**row, "verdict": "refused", "reason": job.refusal}
     recording = summary = None
     try:
-        check_scene(job.scene, job.scene.name)
-        check_gains(job.scene, job.scene.loaded_robot, job.scene.name)
-        _warm_up(job.scene)
+        warm_up(job.scene, job.plant)
         recording, end = run_in_process(job.scene, job.plant)
         summary = report.summarise(recording, job.scene)
     except ConfigError as error:
         end = End(2, str(error))
     verdict = judge(summary, job.scene, end, recording)
-    figures = {name: getattr(summary, name, math.nan) for name in FIGURES}
+    figures = {name: getattr(summary, _NAMES.get(name, name), math.nan) for name in FIGURES}
     row |= {name: value for name, value in figures.items() if math.isfinite(value)}
     return {**row, "verdict": verdict.word, "reason": verdict.reason}
 
@@ -165,9 +198,9 @@ def row_of(job: StudyJob) -> dict[str, Any]:
 _warmed: list[bool] = []
 
 
-def _warm_up(scene: Scene) -> None:
+def warm_up(scene: Scene, plant: Robot | None = None) -> None:
     """Load or compile the kernels of the first run of this process, one process at a time."""
     if not _warmed:
         _warmed.append(True)
         with compiling_once(), contextlib.suppress(SoroError):  # the run itself says so
-            list(islice(ticks_of(scene), 4))
+            list(islice(ticks_of(scene, plant), 4))

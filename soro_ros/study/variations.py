@@ -10,10 +10,11 @@ from functools import cached_property
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from soro_core.config import Strict
 from soro_core.errors import ConfigError
+from soro_core.files.units import as_number, unit_of
 from soro_core.robot import Robot
 
 MOST_RUNS = 1_000_000
@@ -67,6 +68,12 @@ class Variation(Strict):
         return middle[:1] if middle else self.uniform or self.integers or self.choice or self.grid or ()
 
     @property
+    def centre(self) -> Any:
+        """The middle of what is drawn evenly, else the first value of `listed`."""
+        one = self.scale or self
+        return sum(one.uniform) / 2 if one.uniform is not None else self.listed[0]
+
+    @property
     def on_grid(self) -> tuple[Any, ...]:
         """Values of a grid; () of what is drawn."""
         return self.grid or (self.scale.on_grid if self.scale is not None else ())
@@ -97,6 +104,14 @@ class StudyFile(Strict):
         description="keys of the scene; robot.PATH: of its robot, as the controller has it too; plant.PATH: "
         "of the true arm alone",
     )
+
+    @field_validator("vary", mode="before")
+    @classmethod
+    def _in_units(cls, value: Any) -> Any:
+        """Return texts like 10g as numbers in the units of the keys; factors of a scale have none."""
+        if not isinstance(value, Mapping):
+            return value
+        return {key: _as_numbers(one, key) if isinstance(one, Mapping) else one for key, one in value.items()}
 
     @model_validator(mode="after")
     def _few(self) -> StudyFile:
@@ -146,6 +161,19 @@ class StudyFile(Strict):
             raise ConfigError("--vary", key, there, "a key with a number, or numbers, to scale")
         found = [one * value for one in numbers]
         return found if isinstance(there, list | tuple) else found[0]
+
+
+def _as_numbers(ways: Mapping[str, Any], key: str) -> dict[str, Any]:
+    names = [name for name, _ in _STEP.findall(str(key)) if name]
+    if not names or not (unit := unit_of(names[-1])):
+        return dict(ways)
+    try:
+        found = {way: value if way == "scale" else as_number(value, unit) for way, value in ways.items()}
+    except ValueError as error:
+        raise ValueError(f"{key}: {error}") from None
+    if isinstance(ends := found.get("integers"), list | tuple):
+        found["integers"] = [int(x) if isinstance(x, float) and x.is_integer() else x for x in ends]
+    return found
 
 
 def is_number(value: Any) -> bool:

@@ -2,6 +2,7 @@
 
 import os
 import threading
+import time
 from functools import partial
 from pathlib import Path
 
@@ -33,6 +34,18 @@ def lost_once(folder, x):
 
 
 def ends(x):
+    os._exit(1)
+
+
+def ends_beside(folder, x):
+    """End the process at job 0, when its neighbour runs; the neighbour takes a while."""
+    begun = Path(folder) / "begun"
+    if x == 1:
+        begun.touch()
+        time.sleep(0.3)
+        return x
+    while not begun.exists():
+        time.sleep(0.01)
     os._exit(1)
 
 
@@ -83,6 +96,14 @@ def test_the_work_of_a_lost_process_is_done_again(tmp_path):
 def test_a_job_that_ends_every_process_is_named():
     with Processes(1) as executor, pytest.raises(SoroError, match="a worker process ended 3 times at job 0"):
         list(map_jobs(ends, [5], executor))
+
+
+@pytest.mark.parametrize("jobs", [[0, 1], [1, 0]])
+def test_the_neighbour_of_a_job_that_ends_processes_is_done(tmp_path, jobs):
+    done = []
+    with Processes(2) as executor, pytest.raises(SoroError, match=f"3 times at job {jobs.index(0)}"):
+        done.extend(map_jobs(partial(ends_beside, tmp_path), jobs, executor, False))
+    assert done == [1]
 
 
 def test_what_cannot_be_sent_is_one_line(processes):

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from soro_core.config import parse
+from soro_core.errors import ConfigError
 from soro_ros.study.summary import bootstrapped, share
 from soro_ros.study.variations import StudyFile
 
@@ -67,3 +68,26 @@ def test_intervals_hold_what_they_should():
     )
     assert bootstrapped(np.ones(5), np.median).low == 1.0
     assert np.isnan(bootstrapped(np.ones(2), np.median).low)
+
+
+def test_values_may_have_the_units_of_their_keys():
+    found = file(
+        3,
+        **{
+            "twin.payload_kg": {"uniform": ["0g", "10g"]},
+            "robot.links[0].length": {"choice": ["60mm", "60mm"]},
+            "controller.limits.rise_pa": {"grid": ["1kPa", 2.0]},
+            "wait_us": {"integers": ["1ms", "2ms"]},
+            "robot.links[0].mass": {"lognormal": ["10 g", 0.0]},
+            "robot": {"choice": ["3m.yaml"]},
+        },
+    )
+    row = found.values(0)
+    assert 0.0 <= row["twin.payload_kg"] <= 0.01
+    assert row["robot.links[0].length"] == 0.06
+    assert [found.values(k)["controller.limits.rise_pa"] for k in (0, 1)] == [1e3, 2.0]
+    assert 1000 <= row["wait_us"] <= 2000
+    assert row["robot.links[0].mass"] == pytest.approx(0.01)
+    assert row["robot"] == "3m.yaml"
+    with pytest.raises(ConfigError, match=r"twin\.payload_kg: a mass in kg, g, mg"):
+        file(1, **{"twin.payload_kg": {"uniform": ["0s", "1s"]}})

@@ -13,6 +13,7 @@ from soro_core import SoftArm, equilibrium, load_robot, robot_from_dict, save_ro
 from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
 from soro_core.errors import ConfigError, ModelError
+from soro_core.estimation import Estimator
 from soro_core.integrate import make_stepper
 from soro_core.pneumatics import ValveModel
 from soro_core.robot import Tendon
@@ -352,7 +353,11 @@ def test_what_drives_pressures_alone_refuses_tendons_in_one_line():
     arm = SoftArm(robot)
     with pytest.raises(ModelError, match="valves with tendons"):
         simulate(arm, valves=ValveModel())
-    for build in (lambda: Controller(robot, ControllerConfig()), lambda: ArmPlant(robot, TwinConfig())):
+    for build in (
+        lambda: Controller(robot, ControllerConfig()),
+        lambda: ArmPlant(robot, TwinConfig()),
+        lambda: Estimator(robot),
+    ):
         with pytest.raises(ConfigError, match="has tendons") as caught:
             build()
         assert "\n" not in str(caught.value)

@@ -5,6 +5,7 @@ import logging
 import multiprocessing
 import pickle
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -56,6 +57,11 @@ def test_completion_sees_the_names_before_their_first_use(package):
     assert set(module.__all__) <= set(dir(module))
     assert "__name__" in dir(module)
     assert dir(module) == sorted(set(dir(module)))
+
+
+def test_the_library_has_its_version():
+    project = tomllib.loads((config_folder().parent / "pyproject.toml").read_text())["project"]
+    assert soro_core.__version__ == project["version"]
 
 
 def test_the_names_of_the_library_are_public():

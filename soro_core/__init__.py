@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from soro_core.control.reachable_workspace import reachable as reachable
     from soro_core.integrate.simulate import simulate as simulate
     from soro_core.integrate.simulate_many import simulate_many as simulate_many
+    from soro_core.jobs.versions import __version__ as __version__
     from soro_core.loop import Loop as Loop
     from soro_core.model import SoftArm as SoftArm
     from soro_core.model.equilibrium.statics import equilibrium as equilibrium
@@ -28,6 +29,7 @@ __all__, __getattr__ = lazy(
         ".control.motions.kinematics": "inverse_kinematics",
         ".control.reachable_workspace": "reachable",
         ".integrate": "simulate simulate_many",
+        ".jobs.versions": "__version__",
         ".loop": "Loop",
         ".model": "SoftArm",
         ".model.equilibrium.statics": "equilibrium",

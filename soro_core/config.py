@@ -271,7 +271,7 @@ def find_config(name: str | Path, kind: str) -> Path:
     )
 
 
-def names_of(*kinds: str) -> Callable[[str], list[str]]:
+def completer_of(*kinds: str) -> Callable[[str], list[str]]:
     """Return the function that completes names of shipped files in a shell.
 
     Parameters
@@ -291,7 +291,7 @@ def name_argument(text: str, *kinds: str) -> Any:
     """Return an argument of a command that is a file or the name of a shipped one of some kinds."""
     import typer
 
-    return typer.Argument(help=text, autocompletion=names_of(*kinds))
+    return typer.Argument(help=text, autocompletion=completer_of(*kinds))
 
 
 def _shipped(path: Path) -> str:

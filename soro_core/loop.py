@@ -16,6 +16,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import ModelError
+from soro_core.model.checks import require
 
 if TYPE_CHECKING:  # a node needs one half only, and not the modules of the other
     from soro_core.adaptation import Learned
@@ -114,6 +115,13 @@ class Loop:
     """Gives the estimate at each tick."""
     controller: Controller
     """Gives the command from it."""
+
+    def __post_init__(self) -> None:
+        from soro_core.control import Controller
+        from soro_core.estimation import Estimator
+
+        require(self.estimator, Estimator, "estimator", "an Estimator; Loop takes it first")
+        require(self.controller, Controller, "controller", "a Controller; Loop takes it second")
 
     def initial_state(self, t_s: float = 0.0, pressure_pa: Array | None = None) -> LoopState:
         """Return the state before the first tick."""

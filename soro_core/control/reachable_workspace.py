@@ -28,7 +28,7 @@ class Reachable:
     tip_m : ndarray (n, 3)
         Positions in the world [m].
     pressure_pa : ndarray (n, n_u)
-        Their pressures [Pa gauge].
+        Their pressures [Pa gauge], then tensions of the tendons [N].
     q : ndarray (n, n_q)
         Their coordinates.
     rest_m : ndarray (3,)
@@ -66,14 +66,14 @@ def reachable(
     maximum_pa: float | None = None,
     load_kg: float = 0.0,
 ) -> Reachable:
-    """Return where the tip rests under a grid of pressures.
+    """Return where the tip rests under a grid of pressures, and of tensions of the tendons.
 
     Parameters
     ----------
     arm : SoftArm
         Model.
     minimum_pa, maximum_pa : float, optional
-        Range of the pressures [Pa gauge]; default that of the robot.
+        Range of the pressures [Pa gauge]; default that of the robot. Tendons have their own, from 0 N.
     load_kg : float
         Mass at the tip beside that of the robot [kg].
 
@@ -98,7 +98,10 @@ def reachable(
         raise ModelError(f"minimum_pa: got {low:g} Pa; allowed is {allowed}", "minimum_pa")
     if not 0.0 <= number(load_kg) < math.inf:
         raise ModelError(f"load_kg: got {short(load_kg)}; allowed is 0 or more", "load_kg")
-    grid = pressure_grid(np.full(arm.n_u, low), np.full(arm.n_u, high))
+    lowest, highest = arm.robot.input_range
+    chambers = len(arm.robot.chamber_names)  # what the arguments bound; tendons follow
+    lowest[:chambers], highest[:chambers] = low, high
+    grid = pressure_grid(lowest, highest)
     found: list[tuple[Array, Array]] = []
     for pressure in grid:
         try:

@@ -13,6 +13,7 @@ import numpy as np
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.scales import q_scale_of
 from soro_core.arrays import Array
+from soro_core.errors import ModelError, short
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.learned_input import update_learned_input
@@ -26,8 +27,9 @@ from soro_core.estimation.state import EstimatorState
 from soro_core.estimation.status import Estimate, EstimatorStatus
 from soro_core.estimation.tick_state import TickState
 from soro_core.estimation.unmeasured_subspace import unmeasured_covariance
+from soro_core.model.checks import number, require, shaped
 from soro_core.model.discretised import discretised
-from soro_core.robot import Discretisation, Robot
+from soro_core.robot import Discretisation, Robot, refuse_tendons
 
 
 class Estimator:
@@ -43,6 +45,13 @@ class Estimator:
         Nominal step [s], which gives the number of segments in the history.
     model : Discretisation
         Discretisation of the robot; the attribute `arm` is the discretised model.
+
+    Raises
+    ------
+    ModelError
+        If an argument is of another type, or dt is not a number above 0.
+    ConfigError
+        If the robot has tendons.
     """
 
     def __init__(
@@ -52,6 +61,12 @@ class Estimator:
         dt: float = 0.005,
         model: Discretisation = Discretisation(),  # noqa: B008 -- frozen
     ) -> None:
+        require(robot, Robot, "robot", "a Robot, from load_robot or robot_from_dict")
+        require(config, EstimatorConfig | None, "config", "an EstimatorConfig")
+        require(model, Discretisation, "model", "a Discretisation")
+        if not 0.0 < number(dt) < math.inf:
+            raise ModelError(f"dt = {short(dt)} s: allowed is a number above 0", "dt")
+        refuse_tendons(robot, "estimator")
         self.config = scaled_noise(config if config is not None else EstimatorConfig(), robot)
         self.arm = discretised(robot, model)
         self.filter = Filter(self.arm, self.config, model.links, dt)
@@ -77,8 +92,15 @@ class Estimator:
         Returns
         -------
         EstimatorState
+
+        Raises
+        ------
+        ModelError
+            If a shape is not allowed.
         """
-        pressure = np.zeros(self.arm.n_u) if pressure_pa is None else np.array(pressure_pa, dtype=np.float64)
+        n_u, name = self.arm.n_u, self.arm.robot.name
+        pressure = np.zeros(n_u) if pressure_pa is None else shaped(pressure_pa, (n_u,), "pressure_pa", name)
+        q = None if q is None else shaped(q, (self.arm.n_q,), "q", name)
         return EstimatorState(t_s=t_s, belief=self.filter.start(q), pressure_pa=pressure)
 
     def step(
@@ -113,10 +135,16 @@ class Estimator:
         estimate : Estimate
             Estimate at the new time.
 
+        Raises
+        ------
+        ModelError
+            If the pressures are not (n_u,) numbers, whatever their values.
+
         Notes
         -----
-        Bad input raises nothing: the estimator refuses and counts it, and the status names it.
+        Bad values raise nothing: the estimator refuses and counts them, and the status names them.
         """
+        measured = shaped(chamber_pressure_pa, (self.arm.n_u,), "chamber_pressure_pa", self.arm.robot.name)
         if not (math.isfinite(dt) and dt > 0.0):
             counts = state.counts._replace(failed=state.counts.failed + 1)
             state = state._replace(counts=counts)
@@ -127,7 +155,7 @@ class Estimator:
             tick.belief, tick.history = self.filter.widen(state.belief), []
             tick.count("restarted")
         else:
-            tick.read(chamber_pressure_pa)
+            tick.read(measured)
             mean = 0.5 * (state.pressure_pa + tick.pressure_pa)
             parts = max(1, math.ceil(dt / self.config.max_step_s - 1e-9))
             tick.extend(mean, parts, self._kept)

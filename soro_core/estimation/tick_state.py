@@ -54,14 +54,12 @@ class TickState:
         for name in names:
             self.counts[_PLACES[name]] += 1
 
-    def read(self, pressure_pa: Array) -> None:
+    def read(self, measured: Array) -> None:
         """Take the measured pressures (n_u,), and the last good one of a chamber without a finite reading."""
-        measured = np.array(pressure_pa, dtype=np.float64)
-        if measured.shape == self.pressure_pa.shape:
-            if all(map(math.isfinite, measured.tolist())):
-                self.pressure_pa = measured
-                return
-            self.pressure_pa = np.where(np.isfinite(measured), measured, self.pressure_pa)
+        if all(map(math.isfinite, measured.tolist())):
+            self.pressure_pa = measured
+            return
+        self.pressure_pa = np.where(np.isfinite(measured), measured, self.pressure_pa)
         self.count("pressures")
 
     def extend(self, pressure_pa: Array, parts: int, kept: int) -> None:

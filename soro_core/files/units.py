@@ -28,18 +28,22 @@ _KINDS: dict[str, tuple[str, dict[str, float]]] = {
     "V": ("voltage", {"mV": 1e-3}),
     "m2": ("area", {"cm2": 1e-4, "mm2": 1e-6}),
     "m3": ("volume", {"l": 1e-3, "ml": 1e-6, "cm3": 1e-6, "mm3": 1e-9}),
+    "m4": ("fourth power of a length", {"cm4": 1e-8, "mm4": 1e-12}),
     "m/s": ("speed", {"cm/s": 1e-2, "mm/s": 1e-3}),
     "m/s2": ("acceleration", {"cm/s2": 1e-2, "mm/s2": 1e-3}),
     "rad/s": ("angular velocity", {"deg/s": _DEG}),
     "Pa/s": ("rate of pressure", {"kPa/s": 1e3, "bar/s": 1e5}),
     "1/m": ("curvature", {"1/cm": 1e2, "1/mm": 1e3, "rad/m": 1.0, "deg/m": _DEG}),
-    "1/s": ("rate", {"1/ms": 1e3}),
+    "1/s": ("rate", {"1/ms": 1e3, "rad/s": 1.0}),
     "1/(ms)": ("rate of curvature", {}),
     "1/Pa": ("part per pressure", {"1/kPa": 1e-3, "1/bar": 1e-5}),
     "Pas": ("viscosity", {"kPas": 1e3}),
+    "kg/m": ("mass per length", {"g/m": 1e-3, "g/cm": 0.1, "g/mm": 1.0}),
     "kg/m3": ("density", {"g/cm3": 1e3}),
     "N/m": ("stiffness", {"N/mm": 1e3}),
     "Nm/rad": ("stiffness", {"Nmm/rad": 1e-3}),
+    "Ns/m": ("damping", {"Ns/mm": 1e3}),
+    "s/m": ("time per length", {"s/mm": 1e3, "ms/mm": 1.0}),
     "m3/(sPa)": ("conductance", {"l/(sbar)": 1e-8}),
     "Pa/V": ("pressure per voltage", {"kPa/V": 1e3, "bar/V": 1e5}),
     "": ("number", {}),
@@ -61,7 +65,7 @@ _SUFFIXES = {
     "per_m_s": "1/(ms)",
     "per_pa": "1/Pa",
 }
-# Units of keys whose names do not tell.
+# Units of keys whose names do not tell, or whose ends tell another one; "" for one that none of these has.
 _NAMES = {
     **dict.fromkeys(
         ("length", "radius", "base_position", "tracker_position", "wrench_places", "centre"), "m"
@@ -73,10 +77,25 @@ _NAMES = {
     "viscosity_pa_s": "Pas",
     "tau": "s",
     "slip_velocity": "m/s",
+    "mass_per_m": "kg/m",
+    "curvature_offset": "1/m",
+    "alpha_eps": "m3",
+    "alpha_kappa": "m4",
+    # Accelerations of curvatures, 1/(m s^2), and their spectral densities.
+    **dict.fromkeys(
+        (
+            "curvature_acceleration_per_m",
+            "curvature_disturbance_per_m",
+            "curvature_disturbance_std_per_m",
+        ),
+        "",
+    ),
     "Link.density": "kg/m3",
     "Injection.at": "s",
-    "PointMass.place": "m",
-    "Plane.point": "m",
+    **dict.fromkeys(("PointMass.place", "LinkSection.place", "Plane.point", "TipConstraint.point"), "m"),
+    **dict.fromkeys((f"{one}.stiffness" for one in ("Surface", "Plane", "Sphere", "TipConstraint")), "N/m"),
+    **dict.fromkeys((f"{one}.damping" for one in ("Surface", "Plane", "Sphere")), "s/m"),
+    "TipConstraint.damping": "Ns/m",
 }
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*|)")
 
@@ -91,7 +110,8 @@ def unit_of(key: str, section: str = "") -> str:
     section : str
         Name of the class that checks its section.
     """
-    if named := _NAMES.get(key) or _NAMES.get(f"{section}.{key}"):
+    named = _NAMES.get(f"{section}.{key}", _NAMES.get(key))
+    if named is not None:
         return named
     words = key.split("_")
     return next(filter(None, (_SUFFIXES.get("_".join(words[k:])) for k in range(1, len(words)))), "")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from soro_core.integrate.causes import BY_LOAD, describe_at
 from soro_core.integrate.state import Status
 from soro_core.integrate.stepper import internal_states, run_of, stepping
 from soro_core.model import SoftArm
-from soro_core.model.checks import finite, flat_wrench, number, refuse_push, require, shaped
+from soro_core.model.checks import finite, flat_wrench, note_range, number, refuse_push, require, shaped
 from soro_core.model.equilibrium.statics import carried_share
 from soro_core.pneumatics.chamber import Gas
 from soro_core.pneumatics.valve_model import ValveModel
@@ -161,8 +160,9 @@ def simulate(
 
     Notes
     -----
-    A line in the log of soro_core names pressures beyond `pressure_range_pa` of the robot, and tensions
-    beyond `max_tension_n` of their tendon.
+    A line in the log of soro_core, once a process for an arm, names pressures that are beyond
+    `pressure_range_pa` of the robot, and tensions beyond `max_tension_n` of their tendon, by more than a
+    twentieth of the range.
     """
     result = run_once(
         arm,
@@ -180,7 +180,7 @@ def simulate(
         internal0=internal0,
         rtol=rtol,
     )
-    note_range([result])
+    note_range(result.arm.robot, result.pressure, "simulate")
     return result
 
 
@@ -240,33 +240,6 @@ def run_once(
     pressures = table[:end, 0] if not isinstance(air, Gas) else air_pressures(air, z[:end, arm.n_internal :])
     motion = None if motion is None else motion[:end]
     return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status, arm, motion)
-
-
-def note_range(results: Sequence[Result]) -> None:
-    """Log one line if chambers or tendons had inputs beyond the range of their robot."""
-    for k, result in enumerate(results):
-        robot = result.arm.robot
-        low, high = robot.input_range
-        beyond = np.maximum(result.pressure - high, low - result.pressure).max(axis=0, initial=0.0)
-        if (beyond > 1e-6 * (high - low)).any():
-            u = int(np.argmax(beyond / (high - low)))
-            values = result.pressure[:, u]
-            worst = values[int(np.argmax(np.abs(values - 0.5 * (low[u] + high[u]))))]
-            is_chamber = u < len(robot.chamber_names)
-            logging.getLogger("soro_core").warning(
-                "simulate: %s: %s of %s has %.4g %s%s; its %s is %g to %g %s",
-                "pressure" if is_chamber else "tension",
-                (*robot.chamber_names, *robot.tendon_names)[u],
-                robot.name,
-                worst,
-                "Pa" if is_chamber else "N",
-                f" in run {k}" if len(results) > 1 else "",
-                "pressure_range_pa" if is_chamber else "range of tensions",
-                low[u],
-                high[u],
-                "Pa gauge" if is_chamber else "N (max_tension_n)",
-            )
-            return
 
 
 def _named(names: Sequence[str], wanted: Flags) -> tuple[str, ...]:

@@ -14,10 +14,10 @@ from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError, short
-from soro_core.integrate.simulate import Result, note_range, run_once
+from soro_core.integrate.simulate import Result, run_once
 from soro_core.jobs import Executor, given_or_threads, map_jobs
 from soro_core.model import SoftArm
-from soro_core.model.checks import dimensions, shaped
+from soro_core.model.checks import dimensions, note_range, shaped
 from soro_core.robot import Robot
 
 Pressure: TypeAlias = Callable[[float], ArrayLike] | ArrayLike | None
@@ -150,7 +150,9 @@ def simulate_many(
             if progress is not None:
                 progress(len(done), m)
     found = Runs(done)
-    note_range(found)
+    for k, result in enumerate(done):
+        if note_range(result.arm.robot, result.pressure, "simulate", f" in run {k}" if m > 1 else ""):
+            break
     return found
 
 

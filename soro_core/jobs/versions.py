@@ -26,6 +26,9 @@ def soro_version() -> str:
     return text
 
 
+__version__ = soro_version()
+
+
 def versions() -> dict[str, str]:
     """Return the versions of python, of soro and of the packages that a run computes with."""
     found = {"python": platform.python_version(), "soro": soro_version()}

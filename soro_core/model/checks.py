@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from numbers import Integral, Real
 from typing import Any
@@ -26,6 +27,10 @@ REASONS = {
     dynamics.NOT_CONVERGED: "Newton's iteration did not converge",
     dynamics.BAD_INPUT: "a pressure or wrench is not finite",
 }
+# How far an input is beyond its range before it is a mistake, as a part of the range.
+_NEAR = 0.05
+# What `note_range` has said.
+_noted: set[tuple[str, str, bytes, bytes]] = set()
 _KEYS = {dynamics.COLLAPSED: "elongation", dynamics.SINGULAR: "inertia matrix"}
 
 
@@ -172,6 +177,50 @@ def refuse_push(robot: Robot, inputs: Array, name: str) -> None:
         if least.min() < 0.0:
             tendon = robot.tendon_names[int(least.argmin())]
             raise ModelError(f"{name}: got {least.min():g} N of {tendon}; allowed is 0 or more", name)
+
+
+def note_range(robot: Robot, inputs: Array, where: str, which: str = "") -> bool:
+    """Say whether inputs are beyond the range of their robot; log it once a process, caller and arm.
+
+    Noise of a sensor at an end of the range is not beyond it.
+
+    Parameters
+    ----------
+    robot : Robot
+    inputs : ndarray (n_u,) or (n, n_u)
+        Pressures [Pa], behind them tensions [N].
+    where : str
+        Who is given them, for the message.
+    which : str
+        Which run, for the message.
+    """
+    low, high = robot.input_range
+    rows = np.atleast_2d(inputs)
+    beyond = np.maximum(rows - high, low - rows).max(axis=0, initial=0.0) / (high - low)
+    if not (beyond > _NEAR).any():
+        return False
+    arm = (where, robot.name, low.tobytes(), high.tobytes())
+    if arm in _noted:
+        return True
+    _noted.add(arm)
+    u = int(np.argmax(beyond))
+    worst = rows[int(np.argmax(np.abs(rows[:, u] - 0.5 * (low[u] + high[u])))), u]
+    is_chamber = u < len(robot.chamber_names)
+    logging.getLogger("soro_core").warning(
+        "%s: %s: %s of %s has %.4g %s%s; its %s is %g to %g %s",
+        where,
+        "pressure" if is_chamber else "tension",
+        (*robot.chamber_names, *robot.tendon_names)[u],
+        robot.name,
+        worst,
+        "Pa" if is_chamber else "N",
+        which,
+        "pressure_range_pa" if is_chamber else "range of tensions",
+        low[u],
+        high[u],
+        "Pa gauge" if is_chamber else "N (max_tension_n)",
+    )
+    return True
 
 
 def refuse_unsupported(robot: Robot, method: object, nodes: object, steps: object) -> None:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from soro_core.config import names_of
+from soro_core.config import completer_of
 from soro_core.errors import BagError, ConfigError
 from soro_core.extras import require
 from soro_core.files.units import unit_option
@@ -32,7 +32,7 @@ def view(
         typer.Option(
             metavar="ROBOT",
             help="Robot file, or name of a shipped one; default: that of the run.",
-            autocompletion=names_of("robots"),
+            autocompletion=completer_of("robots"),
             show_default=False,
         ),
     ] = "",

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 from soro_core.arrays import Array
 from soro_core.estimation.sensors.tracker import Tracker
 from soro_core.robot import Robot
+from soro_core.robot.basis import radius_profile
 from soro_core.rotation import matrix_from_quaternion
 from soro_core.run_keys import Frames
 
@@ -56,7 +57,7 @@ def frames_of(
     whole, length, tracker = np.eye(4), robot.length, Tracker.of(robot)
     step = robot.refinement
     ends = list(accumulate(link.length for link in robot.links))[step - 1 :: step]
-    radii = [link.radius for link in robot.links[step - 1 :: step]]
+    radii = [radius_profile(link, np.ones(1))[0] for link in robot.links[step - 1 :: step]]
     found = [
         ArmFrame(frames.beside(f"link{k}/end"), end, whole, radius)
         for k, (end, radius) in enumerate(zip(ends, radii, strict=True))
@@ -89,7 +90,7 @@ def urdf(robot: Robot, base: str, frames: Sequence[ArmFrame], at_base: Callable[
         Gives the pose (4, 4) of a frame at the base, of the arm at rest [m].
     """
     root = ElementTree.Element("robot", name=robot.name)
-    _link(root, base, robot.links[0].radius)
+    _link(root, base, radius_profile(robot.links[0], np.zeros(1))[0])
     for frame in frames:
         _link(root, frame.name, frame.radius_m)
         # No joint state moves it, so that robot_state_publisher leaves it to whom publishes /tf.

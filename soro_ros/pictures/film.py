@@ -14,6 +14,7 @@ from soro_core.config import find_config
 from soro_core.errors import BagError
 from soro_core.model.discretised import discretised
 from soro_core.robot import Robot, load_robot
+from soro_core.robot.basis import radius_profile
 from soro_core.twin.config import described_plant
 from soro_core.twin.plant import true_robot
 from soro_lab.scene import Scene
@@ -193,7 +194,8 @@ class AnimatedFigure:
         if len(points) < 3:
             return np.zeros((0, 4, 3)), np.zeros((0, 3))
         points = points[:: max(1, len(points) // 400)]
-        seen, radius = self._camera.project(points), self._take.robot.links[-1].radius
+        seen = self._camera.project(points)
+        radius = radius_profile(self._take.robot.links[-1], np.ones(1))[0]
         seen[np.linalg.norm(points - tip, axis=1) < radius, 2] -= 2 * radius
         along = np.gradient(seen[:, :2], axis=0)
         along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-12)

@@ -31,6 +31,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from soro_core.arrays import Array
 from soro_core.robot import Robot
+from soro_core.robot.basis import radius_profile
 from soro_lab.scene import MarkersConfig
 from soro_ros.conversion import messages, qos
 from soro_ros.topics.ports import Input, Inputs
@@ -175,7 +176,9 @@ class ArmMarkers:
     def __init__(self, robot: Robot, config: MarkersConfig) -> None:
         self._skin = Skin(robot, config.around, config.per_fold)
         self._full_pa = config.full_pa or max(np.abs(robot.pressure_range_pa))
-        self._length, self._radius = robot.length, robot.links[0].radius
+        at_ends = [radius_profile(link, np.ones(1)) for link in robot.links]
+        self._radii = np.concatenate([radius_profile(robot.links[0], np.zeros(1)), *at_ends])
+        self._length, self._radius = robot.length, float(self._radii[0])
         ends = np.cumsum([0.0, *(link.length for link in robot.links)])
         self._ends = ends / ends[-1]
         self._backbone: PoseArray | None = None
@@ -218,9 +221,9 @@ class ArmMarkers:
     def _others(self, poses: Array) -> Iterator[MarkerPart]:
         thin = 0.06 * self._radius
         at = between(np.linspace(0.0, 1.0, len(poses)), poses, self._ends)
-        yield MarkerPart("frames", 0, Marker.LINE_LIST, thin, _WHITE, _axes_of(at, 2.0 * self._radius))
+        yield MarkerPart("frames", 0, Marker.LINE_LIST, thin, _WHITE, _axes_of(at, 2.0 * self._radii))
         if len(self._wanted):
-            axes = _axes_of(self._wanted, 1.2 * self._radius)
+            axes = _axes_of(self._wanted, 1.2 * self._radii[-1:])
             yield MarkerPart("frames", 1, Marker.LINE_LIST, thin, _WHITE, axes)
         for name, trail, colour in (("tip", self._tip, _RED), ("reference", self._reference, _GREY)):
             if len(points := trail.points()):
@@ -252,8 +255,8 @@ class ArmMarkers:
         self._vented = "" if message.level == DiagnosticStatus.OK else message.message
 
 
-def _axes_of(poses: Array, length: float) -> Array:
-    """Ends (6 n, 3) [m] of the axes of frames (n, 4, 4)."""
+def _axes_of(poses: Array, length: Array) -> Array:
+    """Ends (6 n, 3) [m] of the axes of frames (n, 4, 4), of a length (n,) or (1,) [m]."""
     begin = np.repeat(poses[:, None, :3, 3], 3, axis=1)
-    end = begin + length * poses[:, :3, :3].transpose(0, 2, 1)
+    end = begin + length[:, None, None] * poses[:, :3, :3].transpose(0, 2, 1)
     return np.asarray(np.stack([begin, end], axis=2).reshape(-1, 3))

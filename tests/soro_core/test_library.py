@@ -5,6 +5,7 @@ import logging
 import multiprocessing
 import pickle
 import sys
+import tomllib
 
 import numpy as np
 import pytest
@@ -23,6 +24,8 @@ from soro_core import (
 )
 from soro_core.config import config_folder
 from soro_core.errors import ConfigError, ModelError
+from soro_core.model import checks
+from soro_core.model.equilibrium.statics import stable_equilibrium
 from soro_core.rotation import quaternion_from_matrix
 from tests.refused import fails, refused
 
@@ -54,6 +57,11 @@ def test_completion_sees_the_names_before_their_first_use(package):
     assert set(module.__all__) <= set(dir(module))
     assert "__name__" in dir(module)
     assert dir(module) == sorted(set(dir(module)))
+
+
+def test_the_library_has_its_version():
+    project = tomllib.loads((config_folder().parent / "pyproject.toml").read_text())["project"]
+    assert soro_core.__version__ == project["version"]
 
 
 def test_the_names_of_the_library_are_public():
@@ -281,7 +289,8 @@ def test_an_interrupt_ends_many_runs_soon():
     assert len(begun) < 200
 
 
-def test_pressures_beyond_the_range_are_named_once(caplog):
+def test_pressures_beyond_the_range_are_named_once(caplog, monkeypatch):
+    monkeypatch.setattr(checks, "_noted", set())
     arm = SoftArm(BELLOW)
     with caplog.at_level(logging.WARNING, "soro_core"):
         simulate(arm, pressure=[90e3, 0.0, 0.0], t_end=0.004)
@@ -289,10 +298,41 @@ def test_pressures_beyond_the_range_are_named_once(caplog):
         simulate(arm, pressure=[0.0, 30e6, 0.0], t_end=0.004)
         (line,) = caplog.messages
         assert all(text in line for text in ("link0/chamber1", "3e+07 Pa", "0 to 90000 Pa", BELLOW.name))
+        simulate(arm, pressure=[0.0, 30e6, 0.0], t_end=0.004)
+        stiffer = SoftArm(BELLOW.with_({"links[0].k_b[0]": 0.01}))
+        simulate(stiffer, pressure=[0.0, 30e6, 0.0], t_end=0.004)
+        assert caplog.messages == [line]
         caplog.clear()
-        simulate_many(arm, pressure=np.array([[0.0] * 3, [0.0, 0.0, -5e3], [95e3, 0.0, 0.0]]), t_end=0.004)
+        other = SoftArm(BELLOW.replace(name="other"))
+        simulate_many(other, pressure=np.array([[0.0] * 3, [0.0, 0.0, -5e3], [95e3, 0.0, 0.0]]), t_end=0.004)
         (line,) = caplog.messages
         assert all(text in line for text in ("link0/chamber2", "-5000 Pa", "run 1"))
+
+
+def test_an_equilibrium_beyond_the_range_is_named_once_and_noise_is_none(caplog, monkeypatch):
+    monkeypatch.setattr(checks, "_noted", set())
+    arm = SoftArm(BELLOW)
+    with caplog.at_level(logging.WARNING, "soro_core"):
+        equilibrium(arm, [-300.0, 92e3, 0.0])
+        simulate(arm, pressure=[-300.0, 92e3, 0.0], t_end=0.004)
+        assert caplog.messages == []
+        for _ in range(2):
+            equilibrium(arm, [0.0, 110e3, 0.0])
+        (line,) = caplog.messages
+        assert all(text in line for text in ("equilibrium", "link0/chamber1", "0 to 90000 Pa", BELLOW.name))
+
+
+@pytest.mark.parametrize("mass", [-0.01, np.nan, np.inf, "10g", None])
+@pytest.mark.parametrize("rest", [equilibrium, stable_equilibrium])
+def test_an_added_mass_that_cannot_be_is_refused(rest, mass):
+    with fails(ModelError, key="added_tip_mass"):
+        rest(SoftArm(BELLOW), np.zeros(3), np.zeros(3), mass)
+
+
+def test_a_stable_equilibrium_refuses_pressures_that_are_none():
+    for pressure in ([np.nan, 0.0, 0.0], [0.0, 0.0]):
+        with fails(ModelError, key="pressure"):
+            stable_equilibrium(SoftArm(BELLOW), pressure)
 
 
 def test_a_robot_in_mm_and_g_is_named(caplog):

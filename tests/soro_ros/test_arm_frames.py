@@ -16,8 +16,10 @@ from soro_core.errors import ConfigError
 from soro_core.model.soft_arm import SoftArm
 from soro_core.robot import load_robot
 from soro_core.rotation import matrix_from_quaternion
+from soro_core.run_keys import Frames
 from soro_lab.scene import EstimatorNodeConfig
 from soro_ros.conversion import messages, qos
+from soro_ros.conversion.arm_frames import frames_of, urdf
 from soro_ros.conversion.interfaces import definition
 from soro_ros.host import middleware
 from soro_ros.nodes.estimator import EstimatorNode
@@ -131,6 +133,15 @@ def test_a_late_reader_receives_every_frame_as_a_link_that_no_joint_state_moves(
     discs = {link.get("name"): link.find("visual/geometry/cylinder") for link in root.iter("link")}
     radii = {name: float(disc.get("radius")) for name, disc in discs.items() if disc is not None}
     assert radii == dict.fromkeys(("left/base", "left/link0/end", "left/link1/end"), 0.05)
+
+
+def test_the_discs_have_the_radius_of_a_tapering_link_there():
+    robot = load_robot("tapered_helix")
+    frames = frames_of(robot, Frames(base="base"), (), ())
+    text = urdf(robot, "base", frames, lambda frame: np.eye(4))
+    discs = {link.get("name"): link.find("visual/geometry/cylinder") for link in ElementTree.fromstring(text)}
+    radii = {name: float(disc.get("radius")) for name, disc in discs.items() if disc is not None}
+    assert radii == {"base": 0.012, "link0/end": 0.007}
 
 
 def bent(node, robot, count=40):

@@ -8,13 +8,14 @@ import pytest
 import rclpy
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, PoseArray
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.serialization import deserialize_message, serialize_message
 from rosbags.highlevel import AnyReader
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
+from soro_core.model import SoftArm
 from soro_core.robot import load_robot
 from soro_lab.bag import BagReader, BagWriter, Topic
 from soro_lab.scene import MarkersConfig
@@ -98,6 +99,19 @@ def test_skin_frames_and_trails_are_those_of_the_run():
     assert (axes[-1, 2, 1] - axes[-1, 2, 0]) / (2 * radius) == pytest.approx(backbone[-1, :3, 2])
     assert len(found["frames", 0].colors) == len(found["frames", 0].points)
     assert markers.take() is None  # until the backbone moves on
+
+
+def test_frames_are_twice_the_radius_where_they_stand():
+    robot = load_robot("tapered_helix")
+    markers, backbone = (
+        ArmMarkers(robot, MarkersConfig()),
+        SoftArm(robot).poses(np.zeros(3), [0.0, 0.06, 0.12]),
+    )
+    message = PoseArray(poses=[messages.pose_of(pose) for pose in backbone])
+    markers.inputs["arm/backbone"].take(message)
+    axes = points(drawn(markers)["frames", 0]).reshape(-1, 3, 2, 3)
+    lengths = np.linalg.norm(axes[:, :, 1] - axes[:, :, 0], axis=-1)
+    assert lengths == pytest.approx(np.array([[0.024] * 3, [0.014] * 3]))
 
 
 def test_skin_has_the_colour_of_the_measured_pressure():

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array
-from soro_core.errors import ModelError
-from soro_core.model.checks import finite, listed, refuse_push, require, shaped
+from soro_core.errors import ModelError, short
+from soro_core.model.checks import finite, listed, note_range, number, refuse_push, require, shaped
 from soro_core.model.equilibrium.continuation import follow
 from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.settle import settle
@@ -65,12 +67,13 @@ def equilibrium(
     ModelError
         If an argument is not allowed, or no equilibrium is found from there; as a `NoBalanceError` where the
         branch from rest ends before these pressures.
+
+    Notes
+    -----
+    A line in the log of soro_core names pressures beyond the range of the robot, as in `simulate`.
     """
-    require(arm, SoftArm, "arm", "a SoftArm")
-    name = arm.robot.name
-    p = finite(shaped(pressure, (arm.n_u,), "pressure", name), "pressure")
-    refuse_push(arm.robot, p, "pressure")
-    forces = RestForces(arm, p, added_tip_mass)
+    forces = _forces(arm, pressure, added_tip_mass)
+    p, name = forces.pressure_pa, arm.robot.name
     if start is not None:
         q, failure = _near(forces, finite(shaped(start, (arm.n_q,), "start", name), "start"))
     else:
@@ -113,7 +116,7 @@ def stable_equilibrium(
     ModelError
         As `equilibrium`, and if the arm falls to no stable one.
     """
-    forces = RestForces(arm, np.asarray(pressure, float), added_tip_mass)
+    forces = _forces(arm, pressure, added_tip_mass)
     if near is not None:
         try:
             q = equilibrium(arm, pressure, near, added_tip_mass)
@@ -162,6 +165,18 @@ def carried_share(arm: SoftArm, pressure: ArrayLike, wrench: ArrayLike | None = 
     with np.errstate(all="ignore"):  # of coordinates beyond all bounds
         branch = follow(unbalanced, np.zeros(arm.n_q), weight, stiffness)
     return branch.share if branch.is_whole else 1.0
+
+
+def _forces(arm: SoftArm, pressure: ArrayLike, added_tip_mass: float) -> RestForces:
+    """Return what acts on an arm, of arguments that are allowed."""
+    require(arm, SoftArm, "arm", "a SoftArm")
+    p = finite(shaped(pressure, (arm.n_u,), "pressure", arm.robot.name), "pressure")
+    refuse_push(arm.robot, p, "pressure")
+    if not 0.0 <= number(added_tip_mass) < math.inf:
+        got = short(added_tip_mass)
+        raise ModelError(f"added_tip_mass: got {got}; allowed is a mass [kg] of 0 or more", "added_tip_mass")
+    note_range(arm.robot, p, "equilibrium")
+    return RestForces(arm, p, number(added_tip_mass))
 
 
 def _from_rest(forces: RestForces, found: Array, failure: str) -> tuple[Array, str]:

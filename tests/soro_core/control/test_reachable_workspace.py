@@ -48,6 +48,13 @@ def test_more_load_lowers_the_places_and_an_unstable_rest_is_none(arm):
         assert RestForces(arm, none, load).is_stable(upright) == stable
 
 
+def test_tendons_are_pulled_with_their_own_tensions(arm):
+    tendons = [{"angle_rad": 0.4, "offset_m": 0.006, "max_tension_n": most} for most in (0.5, 1.0)]
+    pulled = reachable(SoftArm(arm.robot.replace(tendons=tendons)), 0.0, 10e3)
+    assert pulled.pressure_pa.min(axis=0).tolist() == [0.0] * 5
+    assert pulled.pressure_pa.max(axis=0).tolist() == [10e3, 10e3, 10e3, 0.5, 1.0]
+
+
 def test_many_chambers_are_sampled(monkeypatch):
     grid = pressure_grid(np.zeros(20), np.ones(20))
     assert len(grid) <= 1001

@@ -7,11 +7,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from soro_core import SoftArm, robot_from_dict
+from soro_core import Loop, SoftArm, robot_from_dict
 from soro_core.config import parse
+from soro_core.control import Controller
+from soro_core.errors import ModelError
 from soro_core.estimation import Estimator, EstimatorConfig, EstimatorState, ImuSample, PoseSample
 from soro_core.integrate import STEPPERS, State, make_stepper
-from tests.refused import refused
+from tests.refused import fails, refused
 
 DT = 0.005
 LENGTH = 0.064
@@ -392,9 +394,43 @@ def test_pressures_that_are_no_numbers_are_replaced_by_the_last(robot):
     state, estimate = estimator.step(state, np.array([np.nan, 2e4, np.inf]), [], [], DT)
     assert state.pressure_pa.tolist() == [1e4, 2e4, 1e4]
     assert state.counts.pressures == 1
-    state, estimate = estimator.step(state, np.zeros(2), [], [], DT)
-    assert state.counts.pressures == 2
     assert np.all(np.isfinite(estimate.q))
+
+
+@pytest.mark.parametrize("pressures", [np.zeros(2), np.zeros((3, 1)), [1e4], 0.0, "all", None])
+def test_pressures_of_another_shape_are_refused_in_one_line(robot, pressures):
+    estimator = Estimator(robot, config(), DT)
+    state = estimator.initial_state()
+    for dt in (DT, 10.0):
+        with fails(ModelError, "3", key="chamber_pressure_pa"):
+            estimator.step(state, pressures, [], [], dt)
+    if pressures is not None:
+        with fails(ModelError, "3", key="pressure_pa"):
+            estimator.initial_state(pressure_pa=pressures)
+        with fails(ModelError, "3", key="q"):
+            estimator.initial_state(q=pressures)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        *(({"dt": dt}, "dt") for dt in (-1.0, 0.0, np.nan, np.inf, "fast", None, True)),
+        ({"config": {}}, "config"),
+        ({"model": 2}, "model"),
+        ({"robot": "tue_three_bellow"}, "robot"),
+    ],
+)
+def test_an_argument_that_cannot_be_is_refused_in_one_line(robot, arguments, key):
+    with fails(ModelError, key=key):
+        Estimator(**{"robot": robot, **arguments})
+
+
+def test_estimator_and_controller_of_a_loop_are_not_swapped(robot):
+    estimator, controller = Estimator(robot, config(), DT), object.__new__(Controller)
+    with fails(ModelError, "Estimator", key="estimator"):
+        Loop(controller, estimator)
+    with fails(ModelError, "Controller", key="controller"):
+        Loop(estimator, estimator)
 
 
 @pytest.mark.parametrize("dt", [0.0, -1.0, np.nan, np.inf])

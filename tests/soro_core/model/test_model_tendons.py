@@ -13,7 +13,9 @@ from soro_core import SoftArm, equilibrium, load_robot, robot_from_dict, save_ro
 from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
 from soro_core.errors import ConfigError, ModelError
+from soro_core.estimation import Estimator
 from soro_core.integrate import make_stepper
+from soro_core.model import checks
 from soro_core.pneumatics import ValveModel
 from soro_core.robot import Tendon
 from soro_core.robot.coordinates import strain_fields
@@ -326,7 +328,8 @@ def test_bad_keys_are_named_in_one_line(tendon, words):
         assert word in str(caught.value)
 
 
-def test_a_tendon_does_not_push_and_its_range_is_named(caplog):
+def test_a_tendon_does_not_push_and_its_range_is_named(caplog, monkeypatch):
+    monkeypatch.setattr(checks, "_noted", set())
     arm = arm_of([HELIX, {**HELIX, "max_tension_n": 0.5}])
     q = np.zeros(6)
     for call in (
@@ -352,7 +355,11 @@ def test_what_drives_pressures_alone_refuses_tendons_in_one_line():
     arm = SoftArm(robot)
     with pytest.raises(ModelError, match="valves with tendons"):
         simulate(arm, valves=ValveModel())
-    for build in (lambda: Controller(robot, ControllerConfig()), lambda: ArmPlant(robot, TwinConfig())):
+    for build in (
+        lambda: Controller(robot, ControllerConfig()),
+        lambda: ArmPlant(robot, TwinConfig()),
+        lambda: Estimator(robot),
+    ):
         with pytest.raises(ConfigError, match="has tendons") as caught:
             build()
         assert "\n" not in str(caught.value)

@@ -1,6 +1,9 @@
 """Values with units in files and in --set: read in the unit of the key, or refused in one line."""
 
+import importlib
 import math
+import pkgutil
+import re
 import subprocess
 import sys
 
@@ -8,7 +11,9 @@ import pytest
 import yaml
 
 from soro_core import load_robot, robot_from_dict
-from soro_core.config import read_yaml
+from soro_core.config import Strict, parse, read_yaml
+from soro_core.estimation.config import EstimatorConfig
+from soro_core.files.units import as_number, unit_of
 from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_lab.scene import load_scene
 from tests.refused import refused
@@ -85,6 +90,80 @@ def test_a_robot_in_millimetres_and_grams_is_the_same_robot():
     )
     with refused("links[0].length", "3kg", ("mm",)):
         robot_from_dict(data | {"links": [link | {"length": "3kg"}]})
+
+
+def models(of=Strict):
+    """Every section of a file, by its class."""
+    return {of}.union(*map(models, of.__subclasses__()))
+
+
+def test_every_number_whose_description_states_a_unit_takes_it():
+    for name in ("soro_core", "soro_hardware", "soro_lab", "soro_design", "soro_ros"):
+        package = importlib.import_module(name)
+        for module in pkgutil.walk_packages(package.__path__, f"{name}."):
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
+    refusing, taking = [], 0
+    for model in models():
+        for key, field in model.model_fields.items():
+            # Of one unit: k_b has three, and so no text.
+            units = re.findall(r"\[([^\[\],]*[a-zA-Z][^\[\],]*)\]", field.description or "")
+            if "float" not in str(field.annotation) or len(units) != 1 or field.description.count("[") > 1:
+                continue
+            unit = units[0].replace(" gauge", "").replace("N/m2", "Pa")
+            try:
+                assert as_number(f"2 {unit}", unit_of(key, model.__name__)) == pytest.approx(2.0)
+                taking += 1
+            except ValueError:
+                refusing.append(f"{model.__name__}.{key}: {unit}")
+    assert not refusing
+    assert taking > 50
+
+
+@pytest.mark.parametrize(
+    ("change", "path", "value"),
+    [
+        (
+            {
+                "sections": [
+                    {"place": "0mm", "mass_per_m": "0.5kg/m"},
+                    {"place": "64mm", "mass_per_m": "400 g/m"},
+                ]
+            },
+            "links.0.sections.1",
+            {"place": 0.064, "mass_per_m": 0.4},
+        ),
+        (
+            {"calibration": {"curvature_offset": ["2 1/m", 0.0]}},
+            "calibration",
+            {"curvature_offset": (2.0, 0.0)},
+        ),
+        (
+            {"contacts": {"planes": [{"point": ["1cm", 0, 0], "normal": [0, 0, 1], "stiffness": "1N/mm"}]}},
+            "contacts.planes.0",
+            {"stiffness": 1000.0, "point": (0.01, 0.0, 0.0)},
+        ),
+        (
+            {"tip_constraint": {"point": [0, 0, "60mm"], "stiffness": "2 N/mm", "damping": "3 N s/m"}},
+            "tip_constraint",
+            {"stiffness": 2000.0, "damping": 3.0},
+        ),
+    ],
+)
+def test_a_key_whose_name_does_not_tell_its_unit_takes_it(change, path, value):
+    data = read_yaml("config/robots/tue_three_bellow.yaml")
+    if "sections" in change:
+        data["links"][0] = {k: v for k, v in data["links"][0].items() if k != "mass"} | change
+    else:
+        data |= change
+    found = at(robot_from_dict(data), path)
+    assert {key: getattr(found, key) for key in value} == value
+
+
+@pytest.mark.parametrize("key", ["curvature_acceleration_per_m", "curvature_disturbance_per_m"])
+def test_an_acceleration_of_a_curvature_is_no_curvature(key):
+    with refused(f"process.{key}", "5 1/m"):
+        parse({"process": {key: "5 1/m"}}, EstimatorConfig, "test")
 
 
 def test_a_fault_takes_units_too():

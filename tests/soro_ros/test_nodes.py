@@ -42,6 +42,7 @@ from soro_ros.process import command_line, node_process, parameters
 from soro_ros.run import supervisor as supervisor_module
 from soro_ros.run.processes import NodeError
 from soro_ros.run.supervisor import RunMonitor
+from soro_ros.status_words import is_requested
 from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
@@ -353,6 +354,7 @@ class Answering:
     """Regulators that do what they are told, and remember being told to vent."""
 
     chamber_names, n_chambers, update_hz, reading_age_s = CHAMBERS, 3, 1000.0, 0.0
+    device_watchdog = True
     statistics = BusStatistics()
 
     def __init__(self):
@@ -424,6 +426,39 @@ def test_an_error_in_the_report_does_not_prevent_the_note_of_a_latch(domain, mon
 
 def broken():
     raise RuntimeError("broken report")
+
+
+def test_a_fault_of_devices_that_are_vented_on_request_is_a_trip(domain, monkeypatch, tmp_path):
+    """It ends a run, keeps the latch closed while it stands, and the next driver knows of it."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    devices = Answering()
+    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
+    middleware.init(["--ros-args", "-p", "device:=x", "-p", "autostart:=false"])
+    try:
+        node = regulator.RegulatorNode()
+        node.trigger_configure()
+        node.trigger_activate()
+        fire(node, CYCLE_S)
+        request(node, "~/vent")
+        fire(node, CYCLE_S)
+        assert is_requested(node.diagnostics.status.message)
+        lost = "bus off"
+        monkeypatch.setattr(devices, "exchange", lambda *_: broken_bus(lost))
+        fire(node, CYCLE_S)
+        assert node.diagnostics.status.message == f"vented: vent requested; {lost}"
+        assert not is_requested(node.diagnostics.status.message)
+        assert LatchFile("x").cause() == f"vent requested; {lost}"
+        monkeypatch.setattr(devices, "configure", lambda: broken_bus(lost))
+        answer = request(node, "~/reset")
+        assert (answer.success, answer.message) == (False, lost)
+        node.make_safe()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def broken_bus(why):
+    raise HardwareError(why)
 
 
 def test_a_chamber_that_keeps_its_pressure_is_reported_once_and_keeps_the_latch(domain, monkeypatch, capfd):

@@ -105,6 +105,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
     def start(self) -> None:
         if self._stop is not None:
             self._stop.wait()
+        self._due.clear()
         self._active = True
         if self._limited is not None:
             self._limited.begin_anew()

@@ -17,6 +17,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -46,7 +47,7 @@ from soro_ros.status_words import is_requested
 from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
-from tests.soro_ros.direct import fire, request, values
+from tests.soro_ros.direct import fire, receive, request, values
 from tests.soro_ros.running import SORO, end, wait_until
 
 COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
@@ -455,6 +456,36 @@ def test_a_fault_of_devices_that_are_vented_on_request_is_a_trip(domain, monkeyp
         node.destroy_node()
     finally:
         rclpy.shutdown()
+
+
+def test_a_tick_that_waited_as_the_node_was_deactivated_is_gone_at_the_next_activation(domain, monkeypatch):
+    """In lockstep; the devices would else be taken through a cycle of the time before."""
+    devices, told_ns = Answering(), []
+    monkeypatch.setattr(devices, "exchange", lambda sent, now_ns: told_ns.append(now_ns) or answer(sent))
+    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
+    words = ["device:=x", "autostart:=false", "mode:=lockstep"]
+    middleware.init(["--ros-args", *(part for word in words for part in ("-p", word))])
+    try:
+        node = regulator.RegulatorNode()
+        node.trigger_configure()
+        node.trigger_activate()
+        receive(node, "/clock", Clock())
+        receive(node, "/clock", Clock(clock=messages.to_time(10**9)))  # waits for its command
+        assert told_ns == [0]
+        node.trigger_deactivate()
+        node.trigger_activate()
+        command = messages.chambers(CHAMBERS, np.zeros(3), 2 * 10**9 - 5_000_000)
+        receive(node, "/clock", Clock(clock=messages.to_time(2 * 10**9)))
+        receive(node, "chambers/command", command, {"publication_sequence_number": None})
+        assert told_ns == [0, 2 * 10**9]
+        node.make_safe()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def answer(setpoint_pa):
+    return Exchange(setpoint_pa, setpoint_pa, np.full(3, True))
 
 
 def broken_bus(why):

@@ -65,7 +65,7 @@ class LimitedRegulator(safety.Limiter):
             result = self.regulator.exchange(setpoint_pa, now_ns)
         except HardwareError as error:
             self.lost = self.lost or str(error)
-            self.latch(str(error))
+            self.trip(str(error))
         else:
             self.lost = self.lost or result.fault_text
             self.judge(result.known_pa, result.fresh, now_ns, result.fault_text, result.supply_pa)
@@ -124,15 +124,17 @@ class LimitedRegulator(safety.Limiter):
         stays closed and the refusal names the device and the step.
         """
         _, refusal = safety.reset(self.limits, self.state, now_ns())
-        refusal = refusal or self.why_stopped()
-        # Devices that keep their pressure may need the start-up to vent.
-        if refusal not in (None, self.state.kept):
+        # Devices that keep their pressure may need the start-up to vent, and those with a fault to end it.
+        if refusal not in (None, self.state.kept, self.state.standing):
             return refusal
+        if (why := self.why_stopped()) is not None:
+            return why
         if self.lost is not None:
             try:
                 self.regulator.configure()
             except HardwareError as error:
                 return str(error)
             self.lost = None
+            self.begin_anew()
         # No command arrives during a start-up: the last one may be too old by now.
         return super().reset(now_ns)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+from itertools import takewhile
 
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -87,9 +88,12 @@ def wanted(words: list[str]) -> set[str] | None:
     if "_SORO_COMPLETE" in os.environ and completing is not None:
         words = completing.split()[1:]
         words = words if len(words) > 1 or completing[-1:].isspace() else []
-    elif not words or words[0] == "--help":
-        return None
-    return set(words[:1])
+        options = []
+    else:
+        options = list(takewhile(lambda word: word.startswith("-"), words))  # "--" may be one
+        if "--help" in options or not words:
+            return None
+    return set(words[len(options) :][:1])
 
 
 def application(begin: Callable[[], None] = lambda: None, needed: set[str] | None = None) -> typer.Typer:

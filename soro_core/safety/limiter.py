@@ -107,7 +107,7 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
     if not 0.0 <= age <= limits.command_age_s:  # below 0 it would be in force until the clock is there again
         state = state._replace(cycle_ns=now_ns)
         found = f"last one {age * 1e3:.0f} ms old" if age > 0.0 else f"the clock went back by {-age:.3f} s"
-        return request_vent(state, f"command lost: {found}")
+        return trip(state, f"command lost: {found}")
     # After a stall longer than the watchdog, the set points move no further than in one watchdog time.
     dt = min(dt, limits.command_age_s)
     lowest = state.setpoint_pa - limits.fall_pa_s * dt
@@ -165,14 +165,18 @@ def judge(
     if state.vented:
         names = state.monitors.names
         checked = watch_vent(limits, state.vent_check, names, reading_pa, fresh, now_ns)
-        return state._replace(vent_check=checked)
+        state = state._replace(vent_check=checked, standing=None)
+        # Pressure, even one that only a shorted wire shows, has time to fall, and is `kept` if it does not.
+        no_number = _no_number(limits, state, np.minimum(reading_pa, 0.0))
+        found = fault or no_number or _silence(limits, state, now_ns)
+        return state if found is None else trip(state, found)
     cause = fault or _trip_cause(limits, state, reading_pa, now_ns)
     if cause is None:
         monitors, cause = watch(
             limits.monitors, response, state.monitors, state.setpoint_pa, reading_pa, fresh, supply_pa, now_ns
         )
         state = state._replace(monitors=monitors)
-    return state if cause is None else request_vent(state, cause)
+    return state if cause is None else trip(state, cause)
 
 
 def interpolated(state: SafetyState, reading_pa: Array, fresh: bool | Flags) -> Array:
@@ -205,12 +209,30 @@ def request_vent(state: SafetyState, cause: str) -> SafetyState:
     return state._replace(setpoint_pa=np.zeros_like(state.setpoint_pa), cause=state.cause or cause)
 
 
+def trip(state: SafetyState, fault: str) -> SafetyState:
+    """Latch for a fault; of a state that is vented without one it is the fault, beside the cause of the vent.
+
+    Parameters
+    ----------
+    state : SafetyState
+        State before the call.
+    fault : str
+        What was found; it stands until the next `judge`.
+
+    Returns
+    -------
+    SafetyState
+    """
+    return request_vent(state, fault)._replace(fault=state.fault or fault, standing=fault)
+
+
 def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState, str | None]:
     """Open the latch if the last accepted command was zero, whatever its age.
 
     The source and the time stamp of that command stay, so that an older command is refused later. An arm that
     is still becoming empty does not keep the latch closed. An arm that has kept its pressure for too long
-    does: a person has to examine it, and readings have to show that it is empty.
+    does: a person has to examine it, and readings have to show that it is empty. So does a fault that still
+    stands, which would trip again at once.
 
     Parameters
     ----------
@@ -235,6 +257,8 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
         return state, f"{state.command_source} {asks} for pressure: {MUST_BE_ZERO}"
     if state.kept is not None:
         return state, state.kept
+    if state.standing is not None:
+        return state, state.standing
     return (
         initial_state(state.setpoint_pa.shape[0], state.monitors.names)._replace(
             # A source that was silent for long does not trip again; the order of its commands still holds.
@@ -261,20 +285,29 @@ def _over_since(limits: Limits, state: SafetyState, reading_pa: Array, now_ns: i
 
 
 def _trip_cause(limits: Limits, state: SafetyState, reading_pa: Array, now_ns: int) -> str | None:
+    if (missing := _no_number(limits, state, reading_pa)) is not None:
+        return missing
     names, readings = state.monitors.names, reading_pa.tolist()
-    if not all(map(math.isfinite, readings)):
-        return f"reading not finite: {chamber(names, int(np.argmin(np.isfinite(reading_pa))))}"
-    if wire := broken_wire(limits.monitors, names, reading_pa):
-        return wire
     highest = max(readings, default=-math.inf)
     over_for = -1.0 if state.over_ns is None else (now_ns - state.over_ns) * 1e-9
     if highest > limits.burst_pressure_pa or over_for > limits.over_pressure_s:
         which = chamber(names, readings.index(highest))
         return f"over-pressure: {which} at {highest / 1e3:.1f} kPa"
+    return _silence(limits, state, now_ns)
+
+
+def _no_number(limits: Limits, state: SafetyState, reading_pa: Array) -> str | None:
+    names = state.monitors.names
+    if not all(map(math.isfinite, reading_pa.tolist())):
+        return f"reading not finite: {chamber(names, int(np.argmin(np.isfinite(reading_pa))))}"
+    return broken_wire(limits.monitors, names, reading_pa) or None
+
+
+def _silence(limits: Limits, state: SafetyState, now_ns: int) -> str | None:
     if state.reading_ns is not None and state.reading_ns.size:
         times = state.reading_ns.tolist()
         silent = (now_ns - min(times)) * 1e-9
         if silent > limits.reading_age_s:
-            oldest = chamber(names, times.index(min(times)))
+            oldest = chamber(state.monitors.names, times.index(min(times)))
             return f"readings lost: {oldest} not fresh for {silent * 1e3:.0f} ms"
     return None

@@ -41,6 +41,10 @@ class SafetyState(NamedTuple):
         Time of the last `slew`.
     cause : str or None
         Cause of the trip; None while the limiter is not latched.
+    fault : str or None
+        First fault that tripped the limiter, or was found while it was vented for another cause.
+    standing : str or None
+        Fault of the last cycle of a latched limiter; None when it is over.
     """
 
     setpoint_pa: Array
@@ -55,6 +59,8 @@ class SafetyState(NamedTuple):
     over_ns: int | None = None
     cycle_ns: int | None = None
     cause: str | None = None
+    fault: str | None = None
+    standing: str | None = None
 
     @property
     def vented(self) -> bool:
@@ -73,9 +79,15 @@ class SafetyState(NamedTuple):
         return self.not_vented or (over if self.over_ns is not None else None)
 
     @property
+    def causes(self) -> str | None:
+        """Cause of the latch, and a fault that was found after a vent for another cause; or None."""
+        later = None if self.fault == self.cause else self.fault
+        return "; ".join(filter(None, (self.cause, later))) or None
+
+    @property
     def complaint(self) -> str | None:
-        """Cause of the latch, and the chambers that have not become empty; None if there is neither."""
-        return "; ".join(filter(None, (self.cause, self.not_vented))) or None
+        """Causes of the latch, and the chambers that have not become empty; None if there is neither."""
+        return "; ".join(filter(None, (self.causes, self.not_vented))) or None
 
 
 def initial_state(n: int, names: Sequence[str] = ()) -> SafetyState:

@@ -59,7 +59,7 @@ class Limiter:
     def slew(self, now_ns: int) -> Array:
         """Begin a cycle; return the set points (n,) [Pa gauge] to send, zeros if the limiter is latched."""
         if (why := self.why_stopped()) is not None:
-            self.latch(why)
+            self.trip(why)
         self.state = limiter.slew(self._range, self.state, now_ns)
         return self.state.setpoint_pa
 
@@ -96,6 +96,14 @@ class Limiter:
     def latch(self, cause: str) -> None:
         """Latch; the next set points are zero."""
         self.state = limiter.request_vent(self.state, cause)
+
+    def trip(self, fault: str) -> None:
+        """Latch for a fault, which is also told of a limiter that is vented for another cause."""
+        self.state = limiter.trip(self.state, fault)
+
+    def begin_anew(self) -> None:
+        """Count the silence of chambers anew, after a time without cycles."""
+        self.state = self.state._replace(reading_ns=None, standing=None)
 
     def vent(self, cause: str) -> None:
         """Latch; a limiter with a bus also sends zeros at once."""

@@ -136,8 +136,8 @@ def enable(
     sensors agree with the model at rest (docs/motion.md; keys check_at_enable and enable of its file). Exit
     status 1 when it refuses.
 
-    Without NODE it is the only controller. The node that commands the valves needs no such call; if it is
-    latched, a line names it, and it needs a reset first.
+    Without NODE it is the only controller. The node that commands the valves needs no such call; while it is
+    vented the controller refuses: the order is `soro vent`, `soro reset`, `soro enable`.
     """
     from std_srvs.srv import Trigger
 

@@ -6,6 +6,7 @@ import os
 import re
 from functools import partial
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -63,6 +64,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
             "arm/state": Input(JointState, self._on_state, qos.loop),
         }
         subscribe(self, inputs, lockstep)
+        self._is_vented = False
+        self.create_subscription(DiagnosticStatus, "chambers/latch", self._on_latch, qos.LATCHED)
         for name, callback in (
             ("enable", partial(self._enable, anyway=False)),
             ("enable_anyway", partial(self._enable, anyway=True)),
@@ -105,6 +108,9 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self._check.note_state(message)
         self._ticks.inputs["arm/state"].take(message)
 
+    def _on_latch(self, message: DiagnosticStatus) -> None:
+        self._is_vented = message.level == ERROR
+
     # Parameters and reports --------------------------------------------------------------------------
     def _motion(self) -> MotionConfig:
         """The section `motion` with what the parameters say now."""
@@ -139,7 +145,10 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
 
     # Services --------------------------------------------------------------------------------------
     def _enable(self, request: Trigger.Request, response: Trigger.Response, anyway: bool) -> Trigger.Response:
-        """Start the commands; an arm that is in control already is not checked."""
+        """Start the commands; an arm that is in control already is not checked, except for a closed latch."""
+        if self._is_vented:  # the probe would find no pressure, and blame a valve
+            response.success, response.message = False, "the arm is vented: soro reset first"
+            return response
         warnings: list[str] = []
         if not self._ticks.enabled:
             refusals, warnings = self._check.findings(anyway, self._ticks.stay_at_zero)

@@ -25,6 +25,7 @@ from soro_ros.topics.diagnostics import ERROR, OK, WARN
 
 # Largest number of messages of a topic that are read at the end (Fast DDS keeps 5000 by default).
 REST = 5000
+CLOCK = "/clock"
 # Longest step back of a clock that is corrected [ns].
 SET_BACK_NS = 1_000_000_000
 # Known offer of a later publisher: renewing a subscription would lose or repeat messages.
@@ -52,6 +53,8 @@ class Recorder(SoroNode[RecorderConfig]):
             topic_pattern(self, name, "topics"): (type_name, latched) for name, type_name, latched in wanted
         }
         self._excluded = tuple(topic_pattern(self, name, "exclude") for name in config.exclude)
+        # In lockstep /clock gives the times, recorded or not.
+        self._only_heard = {CLOCK} if self._lockstep and not self._is_wanted(CLOCK) else set[str]()
         self._controls = RecorderControls(self, self._write_missed)
 
     def start(self) -> None:
@@ -74,6 +77,8 @@ class Recorder(SoroNode[RecorderConfig]):
         for name, (type_name, latched) in self._wanted.items():
             if type_name and self._is_wanted(name):
                 self._subscribe(name, type_name, (LATCHED,) if latched else ())
+        for name in self._only_heard:
+            self._subscribe(name, "rosgraph_msgs/msg/Clock", ())
         self._discover()
         self.every(self._config.discovery_s, self._discover)
         later = ", paused" if self._controls.paused else ""
@@ -103,7 +108,7 @@ class Recorder(SoroNode[RecorderConfig]):
             return
         values = {
             "folder": self._folder,
-            "topics": len(self._streams),
+            "topics": len(self._streams.keys() - self._only_heard),
             "messages": bag.message_count,
             "bytes": bag.byte_count,
             "waiting_bytes": bag.waiting_bytes,
@@ -147,7 +152,7 @@ class Recorder(SoroNode[RecorderConfig]):
     def _discover(self) -> None:
         """Subscribe to new topics; renew a subscription that no longer matches all publishers."""
         for name, types in self.get_topic_names_and_types():
-            if not self._is_wanted(name):
+            if not (self._is_wanted(name) or name in self._only_heard):
                 continue
             endpoints = self.get_publishers_info_by_topic(name)
             if not endpoints:
@@ -204,7 +209,7 @@ class Recorder(SoroNode[RecorderConfig]):
     def _introduce(self, name: str, endpoints: Any) -> None:
         """Write a topic with the offers of its publishers to the bag, before its first message."""
         stream = self._streams.get(name)
-        if stream is None or stream.known_to_bag or self._bag is None:
+        if stream is None or stream.known_to_bag or self._bag is None or name in self._only_heard:
             return
         stream.known_to_bag = True
         about = definition(stream.type_name)
@@ -234,8 +239,10 @@ class Recorder(SoroNode[RecorderConfig]):
             return
         stream = self._streams[name]
         stream.loss.receive(number)
-        if self._lockstep and name == "/clock":
+        if self._lockstep and name == CLOCK:
             self._clock_ns = messages.to_ns(deserialize_message(data, stream.kind).clock)
+        if name in self._only_heard:
+            return
         now_ns = self._now_ns()
         has_time = self._lockstep or now_ns > 0
         if self._controls.paused and stream.latched and has_time:

@@ -105,7 +105,10 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
     def start(self) -> None:
         if self._stop is not None:
             self._stop.wait()
+        self._due.clear()
         self._active = True
+        if self._limited is not None:
+            self._limited.begin_anew()
         if self._lockstep:
             self._last_tick_wall = time.monotonic()
             self.every(0.5, self._check_stall)
@@ -133,7 +136,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             finally:
                 regulator.close()
         if self._limited is not None:  # None after a failed start-up
-            cause = self._limited.cause
+            cause = self._limited.state.causes
             self._left = None if cause == DEACTIVATED else cause
             self._note(self._left)
         self.diagnose()  # the last report has the final counts
@@ -202,7 +205,7 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
             self.get_logger().warning(f"no note of the latch for the next driver: {error}", once=True)
 
     def _on_latch(self, limited: LimitedRegulator) -> None:
-        self._note(limited.cause or _KILLED.format(os.getpid()))
+        self._note(limited.state.causes or _KILLED.format(os.getpid()))
         self.diagnose()
 
     def diagnose(self) -> None:

@@ -82,7 +82,9 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
     at_bound_last = at_bound[command.t >= scene.duration_s - last_s(scene)]
     reading = within(recording.reading, scene.duration_s).value
     reading = reading[np.isfinite(reading)]  # none of the chambers of a silent device
-    settled = settling_time(t, error, SETTLED_PART_OF_LENGTH * length)
+    again = enabled_again(recording, t)
+    settled = settling_time(t[again:], error[again:], SETTLED_PART_OF_LENGTH * length)
+    settled -= float(t[again]) if again else 0.0
     return Summary(
         duration_s=float(t[-1]),
         tip_error_first_rms_m=_rms(error[first]),
@@ -153,6 +155,21 @@ def in_control(recording: RunRecording, t: Array, duration_s: float) -> NDArray[
         lost = apart > max(MISSING_S, USUAL * float(np.median(apart)))
         inside &= ~lost[np.clip(np.searchsorted(wanted, t) - 1, 0, apart.size - 1)]
     return np.asarray(inside)
+
+
+def enabled_again(recording: RunRecording, t: Array) -> int:
+    """Return the index of the first time under control after the last vent on request; 0 without one.
+
+    Parameters
+    ----------
+    recording : RunRecording
+    t : ndarray (n,)
+        Times under control [s].
+    """
+    vented_s = max((event.t_s for event in recording.events if event.kind == "vent"), default=np.inf)
+    # Set points may come for a while after the vent: control begins anew behind the gap.
+    begins = np.flatnonzero((np.diff(t) > MISSING_S) & (t[1:] > vented_s)) + 1
+    return int(begins[-1]) if begins.size else 0
 
 
 def last_s(scene: Scene) -> float:

@@ -93,7 +93,7 @@ class ChamberInterface:
 
     def report_latch(self) -> None:
         """Log once the cause of the latch and the chambers that are not empty; call it after each cycle."""
-        before, self._reported = self._reported, (self._limiter.cause, self._limiter.not_vented)
+        before, self._reported = self._reported, (self._limiter.state.causes, self._limiter.not_vented)
         if self._reported == before:
             return
         for event, now, then in zip(("vented", "not vented"), self._reported, before, strict=True):
@@ -141,7 +141,7 @@ class ChamberInterface:
 
     def _publish_latch(self) -> None:
         """Publish the state of the latch for panels: they also receive it when they start later."""
-        cause, kept = self._limiter.cause, self._limiter.not_vented
+        cause, kept = self._limiter.state.causes, self._limiter.not_vented
         complaint = self._limiter.state.complaint
         vented = cause is not None and kept is None
         values = {"latched": _flag(cause is not None), "vented": _flag(vented)}
@@ -197,7 +197,7 @@ class ChamberInterface:
         self._node.get_logger().warning(line, throttle_duration_sec=1.0)
 
     def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        cause = self._limiter.cause or self._limiter.why_stopped()
+        cause = self._limiter.state.causes or self._limiter.why_stopped()
         response.success = cause is None
         response.message = "enabled" if cause is None else f"vented ({cause}): call ~/reset first"
         return response

@@ -277,3 +277,10 @@ def test_each_key_of_a_controller_that_contradicts_its_scene_is_one_line(tmp_pat
         strict=True,
     ):
         assert all(name in line for name in names), line
+
+
+def test_a_command_behind_two_dashes_is_the_command(soro):
+    assert soro("--", "scenes") == soro("scenes")
+    status, out, err = soro("--")
+    assert (status, out) == (2, "")
+    assert "Missing command" in err

@@ -6,12 +6,14 @@ import time
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu, JointState
 
 from soro_ros.conversion import messages, qos
 from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
+from soro_ros.topics.diagnostics import ERROR, OK
 from tests.soro_ros.conftest import own_domain
 from tests.soro_ros.direct import receive, request
 from tests.soro_ros.running import wait_until
@@ -86,6 +88,21 @@ def test_an_arm_is_enabled_once_it_is_seen_at_rest_without_pressure(alone):
         # Enabled already: not checked.
         see(node, pressure_pa=50e3, upside_down=True)
         assert answer(node) == (True, "enabled")
+
+
+@pytest.mark.parametrize("service", ["enable", "enable_anyway"])
+def test_an_arm_whose_latch_is_closed_is_not_enabled(alone, service):
+    """Its probe would find no pressure, and blame a valve; also where it was enabled before the trip."""
+    closed = DiagnosticStatus(level=ERROR, message="vented: vent requested")
+    with controller() as node:
+        see(node)
+        receive(node, "chambers/latch", closed)
+        assert answer(node, service) == (False, "the arm is vented: soro reset first")
+        receive(node, "chambers/latch", DiagnosticStatus(level=OK, message="open"))
+        see(node)
+        assert answer(node, service)[0]
+        receive(node, "chambers/latch", closed)
+        assert answer(node, service) == (False, "the arm is vented: soro reset first")
 
 
 def test_a_sensor_that_has_fallen_silent_refuses(alone, monkeypatch):

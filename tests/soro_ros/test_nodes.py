@@ -17,6 +17,7 @@ from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState
 from rclpy.duration import Duration
 from rclpy.node import Node
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
@@ -42,10 +43,11 @@ from soro_ros.process import command_line, node_process, parameters
 from soro_ros.run import supervisor as supervisor_module
 from soro_ros.run.processes import NodeError
 from soro_ros.run.supervisor import RunMonitor
+from soro_ros.status_words import is_requested
 from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
-from tests.soro_ros.direct import fire, request, values
+from tests.soro_ros.direct import fire, receive, request, values
 from tests.soro_ros.running import SORO, end, wait_until
 
 COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
@@ -353,6 +355,7 @@ class Answering:
     """Regulators that do what they are told, and remember being told to vent."""
 
     chamber_names, n_chambers, update_hz, reading_age_s = CHAMBERS, 3, 1000.0, 0.0
+    device_watchdog = True
     statistics = BusStatistics()
 
     def __init__(self):
@@ -424,6 +427,69 @@ def test_an_error_in_the_report_does_not_prevent_the_note_of_a_latch(domain, mon
 
 def broken():
     raise RuntimeError("broken report")
+
+
+def test_a_fault_of_devices_that_are_vented_on_request_is_a_trip(domain, monkeypatch, tmp_path):
+    """It ends a run, keeps the latch closed while it stands, and the next driver knows of it."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    devices = Answering()
+    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
+    middleware.init(["--ros-args", "-p", "device:=x", "-p", "autostart:=false"])
+    try:
+        node = regulator.RegulatorNode()
+        node.trigger_configure()
+        node.trigger_activate()
+        fire(node, CYCLE_S)
+        request(node, "~/vent")
+        fire(node, CYCLE_S)
+        assert is_requested(node.diagnostics.status.message)
+        lost = "bus off"
+        monkeypatch.setattr(devices, "exchange", lambda *_: broken_bus(lost))
+        fire(node, CYCLE_S)
+        assert node.diagnostics.status.message == f"vented: vent requested; {lost}"
+        assert not is_requested(node.diagnostics.status.message)
+        assert LatchFile("x").cause() == f"vent requested; {lost}"
+        monkeypatch.setattr(devices, "configure", lambda: broken_bus(lost))
+        answer = request(node, "~/reset")
+        assert (answer.success, answer.message) == (False, lost)
+        node.make_safe()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def test_a_tick_that_waited_as_the_node_was_deactivated_is_gone_at_the_next_activation(domain, monkeypatch):
+    """In lockstep; the devices would else be taken through a cycle of the time before."""
+    devices, told_ns = Answering(), []
+    monkeypatch.setattr(devices, "exchange", lambda sent, now_ns: told_ns.append(now_ns) or answer(sent))
+    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
+    words = ["device:=x", "autostart:=false", "mode:=lockstep"]
+    middleware.init(["--ros-args", *(part for word in words for part in ("-p", word))])
+    try:
+        node = regulator.RegulatorNode()
+        node.trigger_configure()
+        node.trigger_activate()
+        receive(node, "/clock", Clock())
+        receive(node, "/clock", Clock(clock=messages.to_time(10**9)))  # waits for its command
+        assert told_ns == [0]
+        node.trigger_deactivate()
+        node.trigger_activate()
+        command = messages.chambers(CHAMBERS, np.zeros(3), 2 * 10**9 - 5_000_000)
+        receive(node, "/clock", Clock(clock=messages.to_time(2 * 10**9)))
+        receive(node, "chambers/command", command, {"publication_sequence_number": None})
+        assert told_ns == [0, 2 * 10**9]
+        node.make_safe()
+        node.destroy_node()
+    finally:
+        rclpy.shutdown()
+
+
+def answer(setpoint_pa):
+    return Exchange(setpoint_pa, setpoint_pa, np.full(3, True))
+
+
+def broken_bus(why):
+    raise HardwareError(why)
 
 
 def test_a_chamber_that_keeps_its_pressure_is_reported_once_and_keeps_the_latch(domain, monkeypatch, capfd):

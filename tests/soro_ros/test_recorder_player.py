@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped, TransformStamped
 from lifecycle_msgs.msg import Transition
@@ -35,6 +36,7 @@ from soro_ros.nodes.player import Player
 from soro_ros.nodes.recorder import Recorder
 from tests.patience import LIMIT_S
 from tests.refused import refused_keys
+from tests.soro_ros.direct import receive
 
 # The parser that comes with the message packages imports a module that Python has deprecated.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
@@ -357,6 +359,38 @@ def test_what_has_arrived_is_recorded_at_the_end(domain, tmp_path):
         rclpy.shutdown()
     recorded = contents(payloads(tmp_path / "bag"), {"/early": String})["/early"]
     assert [message.data for message in recorded] == [str(number) for number in range(20)]
+
+
+@pytest.mark.parametrize("setting", ["exclude:=[/clock]", "topics:=['/early std_msgs/msg/String']"])
+def test_in_lockstep_the_clock_gives_the_times_although_it_is_not_recorded(domain, tmp_path, setting):
+    words = [f"folder:={tmp_path / 'bag'}", "mode:=lockstep", setting]
+    rclpy.init(args=given(*words))
+    try:
+        sender = Node("sender", start_parameter_services=False)
+        clock, early = (
+            sender.create_publisher(Clock, "/clock", ALL),
+            sender.create_publisher(String, "/early", ALL),
+        )
+        until(lambda: sender.count_publishers("/early") and sender.count_publishers("/clock"), "the sender")
+        recorder = Recorder()
+        recorder.trigger_configure()
+        recorder.trigger_activate()
+        until(lambda: clock.get_subscription_count() and early.get_subscription_count(), "the recorder")
+        for second in range(3):
+            receive(recorder, "/clock", serialize_message(Clock(clock=Time(sec=second))))
+            receive(recorder, "/early", serialize_message(String(data=str(second))))
+        recorder.make_safe()
+        recorder.destroy_node()
+        sender.destroy_node()
+    finally:
+        rclpy.shutdown()
+    with BagReader(tmp_path / "bag") as reader:
+        assert "/clock" not in {topic.name for topic in reader.topics}
+        assert [one.log_time_ns for one in reader.messages() if one.topic == "/early"] == [
+            0,
+            10**9,
+            2 * 10**9,
+        ]
 
 
 def test_a_recorder_whose_subscription_is_gone_closes_its_bag(domain, tmp_path):

@@ -150,6 +150,21 @@ def test_what_was_cut_short_has_not_settled(ends_s, faults, settling):
     assert rows(ends_s, trips=faults)["settling to 5% of the length"] == settling
 
 
+@pytest.mark.parametrize(
+    ("kind", "settling_s"), [("vent", 1.0), ("warning", 11.0)], ids=["vented", "messages lost"]
+)
+def test_after_a_vent_on_request_the_settling_counts_from_the_last_enable(kind, settling_s):
+    """The arm is far off for 1 s after each begin of control, at 0 s and at 10 s."""
+    t = np.concatenate([np.arange(0.0, 6.0, 0.005), np.arange(10.0, 20.0, 0.005)])
+    far = (t < 1.0) | ((t >= 10.0) & (t < 11.0))
+    true = TopicSeries(t, np.where(far[:, None], [0.05, 0.0, 0.0], [2e-3, 0.0, 0.0]))
+    wanted = TopicSeries(t, np.zeros((t.size, 3)))
+    events = (recording.Event(5.5, kind, "regulator", "vented: vent requested"),)
+    run = RunRecording(true, true, wanted, EMPTY, EMPTY, EMPTY, {}, (), events=events)
+    found = report.summarise(run, load_scene("track_circle", {"duration_s": 20.0}))
+    assert found.settling_s == pytest.approx(settling_s, abs=0.011)
+
+
 def test_faults_of_another_arm_are_not_this_one_s():
     status = [
         DiagnosticStatus(level=DiagnosticStatus.ERROR, name=name, message="vented: stuck")

@@ -191,6 +191,47 @@ def test_a_fault_of_the_regulators_trips_and_the_first_cause_stays():
     assert request_vent(state, "something later").cause == "heartbeat_lost: node 2"
 
 
+@pytest.mark.parametrize(
+    ("found", "reason"),
+    [
+        ({"fault": "bus off"}, "bus off"),
+        ({"fresh": False}, "readings lost: chamber 0 not fresh for 55 ms"),
+        ({"reading_pa": np.array([0, math.nan, 0])}, "reading not finite: chamber 1"),
+    ],
+    ids=["fault", "silent", "no number"],
+)
+def test_a_fault_while_vented_on_request_is_told_and_keeps_the_latch_closed(found, reason):
+    limiter = Limiter(LIMITS, [])
+    limiter.state = request_vent(run(commanded([0.0] * 3)[0], 0, 5), "vent requested")
+    assert run(limiter.state, 10, 500).complaint == "vent requested"
+    for now in range(10, 120, 5):
+        limiter.slew(now * MS)
+        limiter.judge(**{"reading_pa": COLD, "fresh": True, "now_ns": now * MS} | found)
+    assert limiter.state.complaint == f"vent requested; {reason}"
+    assert limiter.reset(lambda: 120 * MS) == reason.replace("55", "110")
+    # Over again, it stays in the complaint, as a trip does, until the reset.
+    limiter.judge(COLD, True, 125 * MS)
+    assert limiter.state.complaint == f"vent requested; {reason}"
+    assert limiter.reset(lambda: 125 * MS) is None
+    assert limiter.state.complaint is None
+
+
+def test_a_stop_while_vented_on_request_is_told():
+    limiter = Limiter(LIMITS, ["a"])
+    limiter.vent("vent requested")
+    limiter.why_stopped = lambda: "stop pressed: panel says so"
+    limiter.slew(5 * MS)
+    assert limiter.state.complaint == "vent requested; stop pressed: panel says so"
+    assert limiter.reset(lambda: 5 * MS) == "stop pressed: panel says so"
+
+
+def test_what_follows_a_trip_is_not_added_to_its_cause():
+    state = cycle(LIMITS, initial_state(3), COLD, True, 0, fault="heartbeat lost: node 2")
+    state = cycle(LIMITS, state, COLD, False, 500 * MS, fault="bus off")
+    assert state.complaint == "heartbeat lost: node 2"
+    assert reset(LIMITS, state, 500 * MS)[1] == "bus off"
+
+
 def test_reset_needs_a_zero_command_and_starts_afresh():
     state, _ = commanded([50e3] * 3)
     state = request_vent(run(state, 0, 5), "vent requested")

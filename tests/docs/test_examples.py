@@ -27,7 +27,7 @@ PRINTED = {
     "part_to_robot.py": r"largest error of a tip that the fit did not see: [0-6]\.\d %",
     "under_pressure.py": r"30 kPa in chamber 0, 5 g at the tip: x -2\d\.\d\d mm",
     "closed_loop.py": r"0\.99 s  tip error +[01]\.\d\d mm",
-    "read_a_bag.py": r"401  /track_circle/truth/tip  geometry_msgs/msg/PoseStamped",
+    "read_a_bag.py": r"839  /track_circle/truth/tip  geometry_msgs/msg/PoseStamped",
 }
 
 

@@ -3,9 +3,9 @@
 A second-order system with the readings as its inputs moves as the sensor does: its frequency, its damping and
 what each chamber does are fitted, and the delay with them. The rise and the fall of each pressure show both:
 frequency and damping by how the arm swings, the delay by when it begins. Part of the answer comes late in its
-own right: what creeps, and what friction holds back. A slow branch behind the system has it where the data
-show it; without it a soft silicone looks 14 ms late. A filter cannot be asked: it knows the pressures, and
-moves on time.
+own right: what creeps, and what friction holds back. A slow branch behind the system takes that up; without
+it a soft silicone looks 14 ms late. A delay counts that both show, the system with the branch and without it.
+A filter cannot be asked: it knows the pressures, and moves on time.
 """
 
 from __future__ import annotations
@@ -20,9 +20,8 @@ from soro_core.control.probing.findings import FAIL, ProbeFinding
 
 # Named above this delay, and above this part of the period of the sensor's samples, by so many deviations.
 _ALLOWED_S, _PERIODS, _DEVIATIONS = 0.012, 1.2, 4.0
-# Time constant of the slow branch, in that of the system, one over its frequency; the branch counts where it
-# leaves at most this part of the squares that the system alone leaves: else it makes the delay less sure.
-_SLOW, _WORTH_PART = 20.0, 0.9
+# Time constant of the slow branch, in that of the system, one over its frequency.
+_SLOW = 20.0
 # Part of the motion that the fit must explain, and fewest samples.
 _EXPLAINED, _LEAST_SAMPLES = 0.85, 30
 # A sensor whose poses differ by less does not move [m].
@@ -146,22 +145,24 @@ def stamp_delay(
     starts = [np.array([np.log(rate), np.log(ratio), 0.0]) for rate in _RATES for ratio in _RATIOS]
     start = min(starts, key=lambda one: float(np.sum(missed(one) ** 2)))
     bounds = np.array([[0.0, np.log(0.01), -_LONGEST_S], [7.0, 5.0, _LONGEST_S]])
-    alone, creeping = (
-        least_squares(
+    delays = []
+    for slow in (False, True):
+        best = least_squares(
             missed, start, bounds=tuple(bounds), x_scale=[0.1, 0.1, 0.01], max_nfev=30, args=(slow,)
         )
-        for slow in (False, True)
-    )
-    best = creeping if creeping.cost <= _WORTH_PART * alone.cost else alone
-    left = best.fun.reshape(motion.shape)
-    if np.sum(left**2) > (1.0 - _EXPLAINED) ** 2 * np.sum(motion**2):
-        return None
-    # Residuals that follow one another say less: by the mean of their products.
-    variance = np.mean(left**2)
-    alike = float(np.clip(np.mean(left[1:] * left[:-1]) / variance, 0.0, 0.98))
-    variance *= (1.0 + alike) / (1.0 - alike)
-    covariance = np.linalg.pinv(best.jac.T @ best.jac) * variance
-    return StampDelay(float(best.x[2]), float(np.sqrt(covariance[2, 2])))
+        start, left = best.x, best.fun.reshape(motion.shape)
+        if np.sum(left**2) > (1.0 - _EXPLAINED) ** 2 * np.sum(motion**2):
+            return None
+        # Residuals that follow one another say less: by the mean of their products.
+        variance = np.mean(left**2)
+        alike = float(np.clip(np.mean(left[1:] * left[:-1]) / variance, 0.0, 0.98))
+        variance *= (1.0 + alike) / (1.0 - alike)
+        covariance = np.linalg.pinv(best.jac.T @ best.jac) * variance
+        delays.append(StampDelay(float(best.x[2]), float(np.sqrt(covariance[2, 2]))))
+    without, creeping = delays
+    if without.late_s * creeping.late_s < 0.0:
+        return StampDelay(0.0, max(delay.std_s for delay in delays))
+    return min(delays, key=lambda delay: abs(delay.late_s))
 
 
 def _missed(grid: Array, response: Array, stamps: Array, motion: Array) -> Array:

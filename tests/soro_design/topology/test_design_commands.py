@@ -62,7 +62,7 @@ def test_a_run_is_interrupted_resumed_checked_and_exported(soro, tmp_path, monke
     assert checked.exit_code == 0, checked.output
     for word in ("leak", "thinnest wall", "own mesh"):
         assert word in checked.output
-    written = soro("export", "small_design", "--stl", "small.stl", "--extrude", "4")
+    written = soro("export", "small_design", "--stl", "small.stl", "--extrude", "4mm")
     assert written.exit_code == 0, written.output
     points, triangles = read_stl(tmp_path / "small.stl")
     assert is_closed(triangles)

@@ -56,7 +56,8 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
     """
     said = dict(end.said)
     if recording is not None:
-        said = warnings_at(recording.said, min(scene.duration_s, _trip_s(recording)))
+        end_s = scene.duration_s if summary is None else min(scene.duration_s, summary.duration_s)
+        said = warnings_at(recording.said, min(end_s, _trip_s(recording)))
     if end.status == 2:
         found = Verdict("refused", end.error)
     elif end.status != 0 or (summary is not None and summary.faults):

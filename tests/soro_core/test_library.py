@@ -255,7 +255,7 @@ def test_many_runs_of_many_robots_are_those_of_each():
         np.testing.assert_array_equal(getattr(runs, name), [getattr(one, name) for one in alone])
     np.testing.assert_array_equal(runs.t, alone[0].t)
     assert runs.ok.all()
-    with fails(ModelError, "arm 1", "3 coordinates and 1 chambers", "3 and 3", key="arm"):
+    with fails(ModelError, "arm 1", "3 coordinates and 1 inputs", "3 and 3", key="arm"):
         simulate_many([BELLOW, load_robot("srl_one_segment")])
     with fails(ModelError, "SoftArm or Robot", key="arm"):
         simulate_many([])

@@ -88,7 +88,7 @@ def in_left(domain):
     yield start
     for node in made:
         node.destroy_node()
-    rclpy.shutdown()
+    rclpy.try_shutdown()  # a test that skips has started none
 
 
 def described(in_left, robot):

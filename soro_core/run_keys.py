@@ -6,7 +6,7 @@ from typing import Annotated, Literal, TypeAlias
 
 from pydantic import Field, field_validator, model_validator
 
-from soro_core.config import Floats, Strict, Strings
+from soro_core.config import Floats, Strict, Strings, with_changes
 from soro_core.robot import Discretisation
 from soro_core.safety import Limits
 
@@ -44,8 +44,8 @@ class Frames(Strict):
 
     def within(self, namespace: str) -> Frames:
         """Return them with names of base and tip: those that are not stated stand behind a namespace."""
-        named = self.model_copy(update={"base": self.base or f"{namespace}/base".lstrip("/")})
-        return named.model_copy(update={"tip": self.tip or named.beside("tip")})
+        named = with_changes(self, base=self.base or f"{namespace}/base".lstrip("/"))
+        return with_changes(named, tip=self.tip or named.beside("tip"))
 
     def beside(self, name: str) -> str:
         """Return the name of another frame of the arm, beside its base."""

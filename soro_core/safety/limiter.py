@@ -223,7 +223,8 @@ def trip(state: SafetyState, fault: str) -> SafetyState:
     -------
     SafetyState
     """
-    return request_vent(state, fault)._replace(fault=state.fault or fault, standing=fault)
+    standing = fault if state.vented else None  # one that only begins may be over with its own cycle
+    return request_vent(state, fault)._replace(fault=state.fault or fault, standing=standing)
 
 
 def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState, str | None]:

@@ -172,9 +172,12 @@ def _forces(arm: SoftArm, pressure: ArrayLike, added_tip_mass: float) -> RestFor
     require(arm, SoftArm, "arm", "a SoftArm")
     p = finite(shaped(pressure, (arm.n_u,), "pressure", arm.robot.name), "pressure")
     refuse_push(arm.robot, p, "pressure")
-    if not 0.0 <= number(added_tip_mass) < math.inf:
-        got = short(added_tip_mass)
-        raise ModelError(f"added_tip_mass: got {got}; allowed is a mass [kg] of 0 or more", "added_tip_mass")
+    least = 0.0 - arm.robot.tip_mass  # what is there may be taken away
+    if not least <= number(added_tip_mass) < math.inf:
+        allowed = f"a mass [kg] of {least:g} or more"
+        raise ModelError(
+            f"added_tip_mass: got {short(added_tip_mass)}; allowed is {allowed}", "added_tip_mass"
+        )
     note_range(arm.robot, p, "equilibrium")
     return RestForces(arm, p, number(added_tip_mass))
 

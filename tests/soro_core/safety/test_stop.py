@@ -54,7 +54,9 @@ class Stopped(Limiter):
     def cycle(self, pressure_pa):
         self.now_ns += 5_000_000
         self.offer(np.array([pressure_pa]), self.now_ns, self.now_ns)
-        return self.slew(self.now_ns)[0]
+        pressure_pa = self.slew(self.now_ns)[0]
+        self.judge(np.zeros(1), True, self.now_ns)
+        return pressure_pa
 
 
 def test_a_stop_vents_in_the_cycle_latches_and_keeps_the_latch():

@@ -56,8 +56,10 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
     """
     said = dict(end.said)
     if recording is not None:
-        end_s = scene.duration_s if summary is None else min(scene.duration_s, summary.duration_s)
-        said = warnings_at(recording.said, min(end_s, _trip_s(recording)))
+        end_s = min(scene.duration_s, _trip_s(recording))
+        if end.status == 0 and summary is not None:  # before a trip commands may have ended for the reason
+            end_s = min(end_s, summary.duration_s)
+        said = warnings_at(recording.said, end_s)
     if end.status == 2:
         found = Verdict("refused", end.error)
     elif end.status != 0 or (summary is not None and summary.faults):

@@ -167,7 +167,8 @@ def judge(
         checked = watch_vent(limits, state.vent_check, names, reading_pa, fresh, now_ns)
         state = state._replace(vent_check=checked, standing=None)
         # Pressure, even one that only a shorted wire shows, has time to fall, and is `kept` if it does not.
-        no_number = _no_number(limits, state, np.minimum(reading_pa, 0.0))
+        vacuum_pa = np.where(np.isfinite(reading_pa), np.minimum(reading_pa, 0.0), reading_pa)
+        no_number = _no_number(limits, state, vacuum_pa)
         found = fault or no_number or _silence(limits, state, now_ns)
         return state if found is None else trip(state, found)
     cause = fault or _trip_cause(limits, state, reading_pa, now_ns)
@@ -217,7 +218,7 @@ def trip(state: SafetyState, fault: str) -> SafetyState:
     state : SafetyState
         State before the call.
     fault : str
-        What was found; it stands until the next `judge`.
+        What was found; of a state that is vented already it stands until the next `judge`.
 
     Returns
     -------

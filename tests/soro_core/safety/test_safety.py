@@ -197,8 +197,9 @@ def test_a_fault_of_the_regulators_trips_and_the_first_cause_stays():
         ({"fault": "bus off"}, "bus off"),
         ({"fresh": False}, "readings lost: chamber 0 not fresh for 55 ms"),
         ({"reading_pa": np.array([0, math.nan, 0])}, "reading not finite: chamber 1"),
+        ({"reading_pa": np.array([0, 0, math.inf])}, "reading not finite: chamber 2"),
     ],
-    ids=["fault", "silent", "no number"],
+    ids=["fault", "silent", "no number", "infinite"],
 )
 def test_a_fault_while_vented_on_request_is_told_and_keeps_the_latch_closed(found, reason):
     limiter = Limiter(LIMITS, [])

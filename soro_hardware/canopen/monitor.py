@@ -89,8 +89,8 @@ class ChannelMonitor:
         # All four bits: M, H and D alone (0111) are the fault reaction.
         if self.status & 0xF == ValveState.ACTIVE.bits:
             self.active = True
-        elif self.active and (self.status_in_cycle or late or state.is_fault):
-            # A status word sent by event before the request may arrive after it.
+        elif self.active and (late or state.is_fault):
+            # A status word that answers an earlier message, of a vent say, may arrive after the request.
             self._latch("not_active", f"fell from active to {state.value[0]}")
         elif state.is_fault or late:
             self._latch("not_active", f"stays in {state.value[0]}")

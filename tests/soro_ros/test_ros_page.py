@@ -72,10 +72,16 @@ def of_node(row: dict[str, str], column: str, name: str) -> bool:
     return row[column] == "all" or name in row[column].split(", ")
 
 
+def stated_quality(cell: str) -> str:
+    """Quality of service at the end of the last cell of a row; the page names the one of all others."""
+    found = re.search(r"(?:^|; )((?:reliable|best effort|latched) \d+)$", cell)
+    return found[1] if found else "reliable 100"
+
+
 def topics(heading: str, name: str, lockstep: bool) -> set[tuple[str, ...]]:
     """Topic, type and quality of service that the page states for a node."""
     return {
-        (*named(row["topic"]), row["type"], row["quality of service"])
+        (*named(row["topic"]), row["type"], stated_quality(list(row.values())[-1]))
         for row in table(heading)
         if of_node(row, "by", name)
         and (lockstep or "in lockstep alone" not in str(row))

@@ -45,8 +45,8 @@ Each [scene](README.md) below is a file that you can run, read and change; the c
     soro scenes --folder my_scenes                   # which is listed too
 
 The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
-its path in the last seconds), the path of its true tip from above, or the pressures, and the distance of the
-tip from its reference. `make gallery` makes this page.
+its path), the path of its true tip from above, or the pressures, and the distance of the tip from its
+reference. `make gallery` makes this page.
 """
 
 

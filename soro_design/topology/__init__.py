@@ -16,12 +16,12 @@ The forms are those of the literature, but for the following.
 - Walls become tight at a density of .05, not .2: with .2 the air enters grey material that cannot hold it,
   and there is no equilibrium under the rising pressure.
 
-Filter: T. E. Bruns, D. A. Tortorelli, 2001. Projection: F. Wang, B. S. Lazarov, O. Sigmund, 2011. Void: F. Wang,
-B. S. Lazarov, O. Sigmund, J. S. Jensen, Interpolation scheme for fictitious domain techniques and topology
-optimization of finite strain elastic problems, 2014. Air: P. Kumar, J. S. Frouws, M. Langelaar, Topology
-optimization of fluidic pressure-loaded structures and compliant mechanisms using the Darcy method, 2020; P. Kumar,
-TOPress, 2023, whose arch is the task `arch`; P. Kumar, SoRoTop, 2023. Steps: K. Svanberg, The method of moving
-asymptotes, 1987.
+Filter: T. E. Bruns, D. A. Tortorelli, 2001. Projection: F. Wang, B. S. Lazarov, O. Sigmund, 2011. Void: F.
+Wang, B. S. Lazarov, O. Sigmund, J. S. Jensen, Interpolation scheme for fictitious domain techniques and
+topology optimization of finite strain elastic problems, 2014. Air: P. Kumar, J. S. Frouws, M. Langelaar,
+Topology optimization of fluidic pressure-loaded structures and compliant mechanisms using the Darcy method,
+2020; P. Kumar, TOPress, 2023, whose arch is the task `arch`; P. Kumar, SoRoTop, 2023. Steps: K. Svanberg,
+The method of moving asymptotes, 1987.
 """
 
 from soro_design.topology.check import FinalPart, Reanalysis, reanalyse, shape

@@ -6,6 +6,8 @@ import multiprocessing
 import pickle
 import sys
 import tomllib
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -235,6 +237,35 @@ def test_a_run_has_its_tip_and_draws_itself(tmp_path):
     np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), run.q[:, 1])
     figure.savefig(tmp_path / "run.png", dpi=30)
     assert len(simulate(SoftArm(POD), t_end=0.01).plot().axes) == 2  # no elongation, no chamber
+
+
+@pytest.mark.parametrize(
+    "name", ["tue_three_bellow", "silicone_rod", "silicone_rod_planar", "3 links", "20 links"]
+)
+def test_a_picture_is_readable_with_any_number_of_coordinates(name):
+    """Its legends are short, beside the panels, and meet neither each other nor the edge."""
+    if "links" in name:
+        keys = BELLOW.model_dump(exclude_unset=True)
+        arm = SoftArm(robot_from_dict({**keys, "links": int(name.split()[0]) * list(keys["links"])}))
+    else:
+        arm = SoftArm(load_robot(name))
+    rows = np.arange(5.0)[:, None] * np.arange(1.0, arm.n_q + 1.0)
+    run = replace(
+        simulate(arm, t_end=0.0), t=np.linspace(0.0, 1.0, 5), q=1e-4 * rows, pressure=np.ones((5, arm.n_u))
+    )
+    figure = run.plot()
+    figure.draw_without_rendering()
+    legends = [axes.get_legend().get_window_extent() for axes in figure.axes]
+    for axes, box in zip(figure.axes, legends, strict=True):
+        names = [text.get_text() for text in axes.get_legend().get_texts()]
+        assert len(set(names)) == len(names) <= 8
+        assert axes.bbox.x1 <= box.x0 < box.x1 <= figure.bbox.x1
+    assert all(lower.y1 <= upper.y0 for upper, lower in pairwise(legends))
+    assert legends[-1].y0 >= figure.bbox.y0
+    drawn = [[line for line in axes.lines if len(line.get_xdata())] for axes in figure.axes]
+    assert sum(map(len, drawn)) == 3 + arm.n_q + arm.n_u
+    for lines in drawn:
+        assert len({(str(line.get_color()), line.get_linestyle()) for line in lines}) == len(lines)
 
 
 def test_many_runs_of_many_robots_are_those_of_each():

@@ -49,7 +49,8 @@ def source_hash() -> str:
 
 
 numba_config.CACHE_DIR = str(kernel_folder(source_hash()))
-
+LOCK = Path(numba_config.CACHE_DIR) / "compiling.lock"
+"""Held while a process compiles."""
 
 # Time between two lines of progress [s].
 PROGRESS_S = 10.0
@@ -114,7 +115,7 @@ def compiling_once() -> Iterator[None]:
 
     Without it, nodes that start together compile the same kernels at the same time.
     """
-    with locked(Path(numba_config.CACHE_DIR) / "compiling.lock"):
+    with locked(LOCK):
         yield
 
 

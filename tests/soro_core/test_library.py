@@ -375,7 +375,33 @@ def test_a_robot_in_mm_and_g_is_named(caplog):
         caplog.clear()
         for name in SHIPPED:
             load_robot(name)
-        assert not [line for line in caplog.messages if "kg/m^3" in line]
+        assert not [line for line in caplog.messages if "units are" in line]
+
+
+MATERIAL = {"youngs_modulus": 180e3, "shear_modulus": 60e3, "viscosity": 100.0}
+TAPER = [{"place": 0.0, "radius": 15.0}, {"place": 120.0, "radius": 8.0}]
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"length": 120.0, "radius": 15.0, "density": 1070.0},  # mm
+        {"length": 120.0, "radius": 15.0, "density": 1.07e-3},  # and g/mm^3
+        {"length": 12.0, "radius": 1.5, "density": 1070.0},  # cm
+        {"length": 2.0, "radius": 0.5, "density": 1070.0},  # mm, tiny
+        {"length": 0.12, "radius": 15.0, "density": 1070.0},
+        {"length": 120.0, "radius": 0.015, "density": 1070.0},
+        {"length": 120.0, "sections": TAPER, "density": 1070.0},
+    ],
+)
+def test_an_arm_in_mm_is_named_whatever_its_density(keys, caplog):
+    with caplog.at_level(logging.WARNING, "soro_core"):
+        robot_from_dict({"links": [{**keys, "material": MATERIAL}]}, "mine")
+        (line,) = [line for line in caplog.messages if "units are kg and m" in line]
+        assert line.startswith("mine: links[0]: ")
+        caplog.clear()
+        robot_from_dict({"links": [{"length": 3.0, "radius": 0.03, "density": 1070.0, "material": MATERIAL}]})
+        assert caplog.messages == []
 
 
 @pytest.mark.parametrize(

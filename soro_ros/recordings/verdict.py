@@ -16,9 +16,15 @@ from soro_ros.recordings.recording import RunRecording
 from soro_ros.recordings.report import MISSING_S, WINDOW_S, Summary
 from soro_ros.run.end import End
 
-# Words of trips by which nodes or devices are late; the first says that no command came.
+# Words of a trip by which no command came; those of trips by which nodes or devices are late, with the keys
+# of their limits and the largest values of these.
 _NO_COMMANDS = "command lost"
-_LATE = (_NO_COMMANDS, "stale_reading")
+_LATE = {
+    _NO_COMMANDS: "limits.command_age_s, at most 0.5",
+    "readings lost": "limits.reading_age_s, at most 0.5",
+    "stale_reading": "stale_s and stale_cycles of the platform file; a scene without valves (--set platform=) "
+    "has no such limit",
+}
 
 
 @dataclass(frozen=True)
@@ -162,9 +168,13 @@ def advice(verdict: Verdict, scene: Scene) -> str:
     verdict : Verdict
     scene : Scene
     """
-    if scene.mode != "real_time" or scene.faults or not any(word in verdict.reason for word in _LATE):
+    keys = next((keys for word, keys in _LATE.items() if word in verdict.reason), "")
+    if scene.mode != "real_time" or scene.faults or not keys:
         return ""
-    return "a node was late: is the machine busy? --set mode=lockstep has no deadlines (docs/real_time.md)"
+    return (
+        "a node or a device was late: is the machine busy? --set mode=lockstep has no deadlines; else a longer "
+        f"limit: {keys} (docs/real_time.md)"
+    )
 
 
 def with_verdict(summary: Summary, verdict: Verdict) -> Summary:

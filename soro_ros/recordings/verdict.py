@@ -22,8 +22,8 @@ _NO_COMMANDS = "command lost"
 _LATE = {
     _NO_COMMANDS: "limits.command_age_s, at most 0.5",
     "readings lost": "limits.reading_age_s, at most 0.5",
-    "stale_reading": "stale_s and stale_cycles of the platform file; a scene without valves (--set platform=) "
-    "has no such limit",
+    "stale_reading": "stale_s and stale_cycles of the platform file; a scene without valves has none, "
+    "--set platform=",
 }
 
 
@@ -172,8 +172,8 @@ def advice(verdict: Verdict, scene: Scene) -> str:
     if scene.mode != "real_time" or scene.faults or not keys:
         return ""
     return (
-        "a node or a device was late: is the machine busy? --set mode=lockstep has no deadlines; else a longer "
-        f"limit: {keys} (docs/real_time.md)"
+        "a node or a device was late: is the machine busy? --set mode=lockstep has no deadlines; else allow "
+        f"more: {keys} (docs/real_time.md)"
     )
 
 

@@ -144,17 +144,22 @@ def test_a_value_is_changed_by_its_path():
     ]
     assert BELLOW.with_({"links[0].k_b[0]": BELLOW.links[0].k_b[0]}) == BELLOW
     assert POD.with_({"links[0].strains.bending_x.modes": 1}) == POD
-    for path in (
-        "links[3].mass",
-        "links[0].k_b[7]",
-        "links[0].k_b[0].x",
-        "links[0]..mass",
-        "",
-        "gravity[-1]",
-        "nothing.at.all",
-    ):
-        with refused(path, names=("links[0].k_b[0]",)):
+    assert BELLOW.with_({"links[0].strains.bending_x.order": 0}).n_q == 3  # of strains that are not stated
+    for path, names in {
+        "links[3].mass": ("below 1", "links[0]"),
+        "links[0].k_b[7]": ("below 3", "links[0].k_b[0]"),
+        "links[0].k_b[0].x": ("all of links[0].k_b[0]",),
+        "links[0]..mass": ("links[0].k_b[0]",),
+        "": ("links[0].k_b[0]",),
+        "gravity[-1]": ("links[0].k_b[0]",),
+        "nothing.at.all": ("the robot", "tip_mass"),
+        "links[0].kb[0]": ("links[0]: length", "did you mean k_b?"),
+        "links[0].material.youngs_modulus": ("all of links[0].material",),
+        "links[0].strains.bending_x.ordr": ("did you mean order?",),
+    }.items():
+        with refused(path, names=names) as caught:
             BELLOW.with_({path: 1.0})
+        assert caught.value.where == BELLOW.name
     with refused("links[0].wings"):
         BELLOW.with_({"links[0].wings": 1.0})
     with refused("links[0].radius"):

@@ -44,8 +44,8 @@ def run(
 ) -> None:
     """Run a scene: emulated or simulated robot, estimator, controller and recorder, as ROS 2 nodes.
 
-    Ends with a verdict (good, poor, lost, vented, failed or refused), a table, a picture and a bag in
-    FOLDER/NAME-TIME. Exit status 0: good; 1: poor, lost, vented, or failed, so it never began; 2: refused
+    Ends with a verdict (good, poor, lost, vented or refused), a table, a picture and a bag in
+    FOLDER/NAME-TIME. Exit status 0: good; 1: poor, lost or vented; 2: refused
     before anything moved. Ctrl-C vents, closes the bag and ends.
     """
     console = Console(stderr=True)

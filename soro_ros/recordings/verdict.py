@@ -1,4 +1,4 @@
-"""The verdict on a run: good, poor, lost, vented, failed or refused, and why."""
+"""The verdict on a run: good, poor, lost, vented or refused, and why."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _LATE = {
 class Verdict:
     """The verdict in one word, its reason in one line, which `good` does not need, and what the nodes say.
 
-    The word is good, poor, lost, vented, failed (the run never began) or refused.
+    The word is good, poor, lost, vented or refused.
     """
 
     word: str
@@ -69,7 +69,7 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
     if end.status == 2:
         found = Verdict("refused", end.error)
     elif not end.has_begun:
-        found = Verdict("failed", f"nothing has moved, the run never began: {end.error or 'interrupted'}")
+        found = Verdict("vented", f"nothing has moved, the run never began: {end.error or 'interrupted'}")
     elif end.status != 0 or (summary is not None and summary.faults):
         found = Verdict("vented", _why_vented(summary, end, said))
     elif end.recording_failure:

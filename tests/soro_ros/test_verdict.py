@@ -61,7 +61,7 @@ def test_a_run_is_judged_by_its_figures(figures, keys, status, word, names):
 @pytest.mark.parametrize("status", [1, 130])
 def test_a_run_that_never_began_is_not_called_vented(status):
     verdict = judge(None, load_scene("track_circle"), End(status, "no answer of all nodes", has_begun=False))
-    assert str(verdict) == "failed: nothing has moved, the run never began: no answer of all nodes"
+    assert str(verdict) == "vented: nothing has moved, the run never began: no answer of all nodes"
 
 
 def test_a_short_run_is_good_and_its_notes_say_that_it_is_not_judged():

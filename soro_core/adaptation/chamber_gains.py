@@ -5,14 +5,15 @@ The robot file's H(q) has a column H_u for each chamber u. The true one is taken
     e_u(q) = (1 + g_u) exp(b_i delta_u(q)),
 
 with the relative gain g_u, the area slope b_i of link i beyond the file's, and the mean strain delta_u of the
-chamber's fibre: areas grow so in a robot file, too. The g_u of a link have the mean 0: in free motion, a gain that all chambers share cannot be
-told from stiffness and load (docs/control.md).
+chamber's fibre: areas grow so in a robot file, too. The g_u of a link have the mean 0: in free motion, a gain
+that all chambers share cannot be told from stiffness and load (docs/control.md).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,7 +101,7 @@ class ChamberModel:
         return np.asarray(np.minimum(np.maximum(growth, 1.0 / _MOST_GROWTH), _MOST_GROWTH))
 
     def tangent(self, values: Array, q: Array, acting_pa: Array) -> tuple[Array, Array]:
-        """Return `force` at values 0 (n_q,) and its change (n_q, size) by them, of its tangent at `values`."""
+        """Return the tangent of `force` at `values`: where they are 0 (n_q,), and its change (n_q, size)."""
         n, strain = self.link.size, self.fibre @ q
         growth, whole = self._growth(values, strain), self.arm.actuation_matrix(q) * acting_pa
         by_gain = -growth * whole
@@ -109,7 +110,7 @@ class ChamberModel:
         force = whole.sum(axis=1) + by_gain @ (1.0 + values[:n])
         return force - change @ values, change
 
-    @property
+    @cached_property
     def _of_link(self) -> Array:
         """Whether a chamber begins at a link, 0 or 1: (n_u, links)."""
         return (self.link[:, None] == np.arange(self.size - self.link.size)).astype(float)

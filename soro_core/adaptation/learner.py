@@ -26,6 +26,7 @@ from soro_core.adaptation.kernel.information import LearningRule, RuleFields, ga
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.nonuniform_force import NonuniformForce
+from soro_core.adaptation.slope_evidence import NO_EVIDENCE, SlopeEvidence, compared, rivals
 from soro_core.arrays import Array, Integers
 from soro_core.frozen import replaced
 from soro_core.linear import inverse
@@ -44,11 +45,6 @@ _STEP = 1e-6
 _WAIT_S = 0.5
 # The chambers are judged after each such time [s].
 _JUDGED_S = 0.5
-# Slopes are in force while the mean logarithm, over this time [s], of the ratio of the squares by which the
-# learned models without and with them miss what comes within `_JUDGED_S` is above the first number; once they
-# are, above the second one. Squares are by the noise, and what is below this part of it is none.
-_EVIDENCE_S, _ADOPTED, _DROPPED = 2.0, 0.4, 0.1
-_UNSEEN = 0.05
 
 
 @dataclass(frozen=True)
@@ -101,12 +97,8 @@ class LearnerState:
         Time before the low-pass began, and since then [s].
     at_bound_s : float
         Time at a bound without a break [s].
-    has_slopes : bool
-        Whether the slopes of the areas are in force; else they stay at their start.
-    evidence : float
-        For the slopes, see `_ADOPTED`.
-    rivals : ndarray (2, size) or None
-        Best values without and with slopes, beyond the start, when the chambers were judged last.
+    slopes : SlopeEvidence
+        Whether the slopes of the areas are in force.
     refused, restored : int
         Samples that were not finite; restorations of the prior.
     judged_s, named : float, str
@@ -127,9 +119,7 @@ class LearnerState:
     waited_s: float = 0.0
     passed_s: float = 0.0
     at_bound_s: float = 0.0
-    has_slopes: bool = False
-    evidence: float = 0.0
-    rivals: Array | None = None
+    slopes: SlopeEvidence = NO_EVIDENCE
     refused: int = 0
     restored: int = 0
     judged_s: float = 0.0
@@ -245,7 +235,7 @@ class Learner:
         return prior
 
     def _order(self) -> tuple[Integers, Integers]:
-        """Return the order of the values for the learning rule, and what of them lasts: damping and slopes."""
+        """Return the order of the values for the learning rule; and what lasts, its end: damping, slopes."""
         values = np.arange(self.size)
         lasts = (values >= len(self.load_prior)) & (values < self.force.size) | (values >= self.first_slope)
         lasting = np.flatnonzero(lasts)
@@ -320,7 +310,7 @@ class Learner:
         information, moment = state.information + (prior - state.prior), state.moment.copy()
         # What is learned is the difference from the start, to which it returns.
         theta = known - start
-        room = self._room(start, state.has_slopes)
+        room = self._room(start, state.slopes.adopted)
         least, most = (bound[self._lasting] for bound in room)
         rule: RuleFields = self._rule._replace(prior=prior, least=least, most=most)[:]
         sides = residual - regressor @ start, regressor
@@ -334,11 +324,13 @@ class Learner:
         note = ""
         if at_bound_s > config.bound_s:
             note = f"the learned mass at the tip is at its bound, {1e3 * mass_kg:.3g} g"
-        parts, judged_s, judged = self._parts(within), state.judged_s + dt, {}
+        parts, judged_s, slopes, named = self._parts(within), state.judged_s + dt, state.slopes, state.named
         if judged_s >= _JUDGED_S:
+            noise = self._rule.noise + self.slope @ covariance @ self.slope.T
+            adopted, mean = compared(slopes, sides, noise, judged_s)
+            found = rivals(information, moment, self.first_slope, self._room(start, True))
+            slopes, judged_s = SlopeEvidence(adopted, mean, found), 0.0
             named = self._named(parts["chambers"], information)
-            judged_s, judged = 0.0, {"named": named, **self._judged(state, sides, covariance, (information, moment))}
-        named = judged.get("named", state.named)
         return replaced(
             state,
             **parts,
@@ -350,8 +342,9 @@ class Learner:
             rate=sample.qd,
             passed_s=state.passed_s + dt,
             at_bound_s=at_bound_s,
+            slopes=slopes,
             judged_s=judged_s,
-            **judged,
+            named=named,
             note="; ".join(filter(None, (named, note))),
         )
 
@@ -414,28 +407,6 @@ class Learner:
         only = np.eye(self.size)[:, self.force.size :]
         covariance = np.asarray(np.linalg.solve(information, only)[self.force.size :])
         return self.chambers.named(chambers, covariance)
-
-    def _judged(
-        self, state: LearnerState, sides: tuple[Array, Array], covariance: Array, found: tuple[Array, Array]
-    ) -> dict[str, Any]:
-        """Return what the predictions of half a second ago say of the slopes, as fields of the state."""
-        if self.first_slope == self.size:
-            return {}
-        evidence = state.evidence
-        if state.rivals is not None:
-            residual, regressor = sides
-            missed = residual[:, None] - regressor @ state.rivals.T
-            noise = self._rule.noise + self.slope @ covariance @ self.slope.T
-            without, beside = np.mean(missed * np.linalg.solve(noise, missed), axis=0) + _UNSEEN
-            evidence += _JUDGED_S / _EVIDENCE_S * (math.log(without / beside) - evidence)
-        information, moment = found
-        known, rivals = slice(None, self.first_slope), np.zeros((2, self.size))
-        lower, upper = self._room(state.start, True)
-        for rival, own in zip(rivals, (known, slice(None)), strict=True):
-            A, b = information[own, own], moment[own]
-            rival[own] = bounded_minimum(A, b, np.linalg.solve(A, b), lower[own], upper[own])
-        has_slopes = evidence > (_DROPPED if state.has_slopes else _ADOPTED)
-        return {"evidence": evidence, "rivals": rivals, "has_slopes": has_slopes}
 
     def _restored(self, state: LearnerState, note: str) -> LearnerState:
         fresh = self.initial_state(state.start)

@@ -51,7 +51,7 @@ def test_a_weak_chamber_is_tracked_and_named_within_five_seconds():
 def test_another_area_slope_is_tracked_and_no_chamber_named(robot, slope):
     record = tracked(lambda i, chamber: {"area_slope": slope}, robot)
     print(f"RMS {100 * record.rms(4.0) / HANGING.length:.2f} % of the length")
-    assert record.rms(4.0) < 0.005 * HANGING.length
+    assert record.rms(4.0) < 0.007 * HANGING.length
     assert not any("gives" in said for said in record.statuses)
     assert np.isfinite(record.estimates).all()
 

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
-import tempfile
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -22,18 +19,17 @@ from soro_lab.scene import Scene
 from soro_ros.host import claims
 from soro_ros.host.claims import Claims
 from soro_ros.host.pulse import Pulse
-from soro_ros.process import kernels
 from soro_ros.recorder.recorded_topics import recorded_topics
 from soro_ros.run import processes
 from soro_ros.run.loop_nodes import OBSERVERS, LoopNodes, control_loop
 from soro_ros.run.processes import Child, NodeError
+from soro_ros.run.start_progress import StartProgress
 from soro_ros.run.supervisor import RunMonitor
+from soro_ros.run.valves import Links, start_valves, wait_for_valves
 from soro_ros.topics.diagnostics import OVER
 
-# A cold start compiles the model's kernels in several processes at once.
+# Longest start of nodes [s], without the time in which they compile kernels.
 START_LIMIT_S = 180.0
-# Emulated valves compile nothing.
-VALVES_LIMIT_S = 20.0
 # The user starts the driver of a real arm's pose sensor.
 POSE_LIMIT_S = 20.0
 # Running nodes discover each other within two seconds.
@@ -93,16 +89,14 @@ class Run:
         self.nodes: list[str] = []
         """Names of the nodes that have been started."""
         self._children: dict[str, Child] = {}
-        # Short, whatever the folder of the run: the path of a socket has at most 107 characters.
-        self._links = tempfile.TemporaryDirectory(prefix="soro-")
-        links = Path(self._links.name)
-        self._device = links / "valves.pty"
-        self._plant, self._faults = links / "plant.sock", links / "faults.sock"
+        self._links = Links()
         # The node that drives the valves; it vents when it ends.
         self._driver = "regulator" if scene.platform else "twin"
         self.has_started = False
         """Whether control has started."""
-        self._reported_compiling = False
+        self._progress: StartProgress | None = None
+        self.has_begun = False
+        """Whether control has been enabled: nothing moves before."""
         self._status: dict[str, int] = {}
         self._claims = Claims()
         # In lockstep no air moves, and the time of the nodes is not that of this program.
@@ -143,7 +137,9 @@ class Run:
         scene = self.scene
         self.check()
         if scene.emulates:
-            self._start_valves()
+            self._report(f"starting emulated valves of {scene.platform}")
+            valves = self._children["valves"] = start_valves(scene, folder=self.folder, links=self._links)
+            wait_for_valves(valves, self.check)
         if scene.recorder.enabled:
             topics, exclude = recorded_topics(scene), scene.recorder.exclude
             notes = tuple(f"{name}={version}" for name, version in versions().items())
@@ -153,7 +149,7 @@ class Run:
             self._start_nodes(supervisor, {"recorder": recorder})
         nodes: dict[str, Strict] = {}
         if scene.arm != "real":
-            nodes["twin"] = scene.twin_node(str(self._plant), str(self._faults))
+            nodes["twin"] = scene.twin_node(str(self._links.plant), str(self._links.faults))
         elif self._loop.shadow:
             nodes["shadow"] = scene.shadow_node()
         nodes |= self._loop.nodes
@@ -163,7 +159,7 @@ class Run:
         self._start_nodes(supervisor, nodes)
         if scene.platform:
             # Last, when no node compiles any more: its deadlines start with its first exchange.
-            self._start_nodes(supervisor, {"regulator": scene.regulator_node(str(self._device))})
+            self._start_nodes(supervisor, {"regulator": scene.regulator_node(str(self._links.device))})
         if scene.arm == "real":
             self._wait_for_arm(supervisor)
         if scene.mode == "real_time":
@@ -205,11 +201,12 @@ class Run:
 
     def _enable(self, supervisor: RunMonitor) -> None:
         supervisor.call(f"{self._loop.commander}/enable")
+        self.has_begun = True
 
     def _inject(self) -> None:
         """Inject the scene's faults."""
         if self.scene.faults:
-            with contextlib.closing(ControlClient(self._faults)) as client:
+            with contextlib.closing(ControlClient(self._links.faults)) as client:
                 for fault in self.scene.faults:
                     client.inject(fault)
 
@@ -324,7 +321,7 @@ class Run:
                 self._warn(name, child.end_report(forced), has_failed=True)
             elif self._status[name] != 0:
                 unclean[name] = child.end_report(forced)
-        self._links.cleanup()
+        self._links.close()
         self._claims.close()
         if self._pulse is not None:
             self._pulse.close()
@@ -353,7 +350,7 @@ class Run:
     def _start_nodes(self, supervisor: RunMonitor, configs: Mapping[str, Strict]) -> None:
         """Start nodes with their parameters and wait until all of them are active."""
         self.check()
-        compiled = kernels.compiled()
+        progress = self._progress = self._progress or StartProgress(self._report)
         supervisor.check_alone(configs)
         self._report(f"starting {', '.join(configs)}")
         for name, config in configs.items():
@@ -367,16 +364,25 @@ class Run:
 
         def check() -> None:
             self._check_start(supervisor)
-            if not self._reported_compiling and kernels.compiled() > compiled:
-                self._reported_compiling = True
-                self._report(
-                    "compiling kernels of the model that are not in the cache yet: up to two minutes"
-                )
+            progress.tell(sum(map(supervisor.active, self.nodes)), len(self.nodes))
 
-        def active() -> bool:
-            return all(supervisor.active(name) for name in configs)
+        def missing() -> list[str]:
+            return [name for name in configs if not supervisor.active(name)]
 
-        supervisor.wait("answer of all nodes", active, check, START_LIMIT_S)
+        def advice() -> str:
+            return (
+                f": {', '.join(missing())} did not become active (see {self.folder / 'log'}); "
+                "on a busy machine run it again: compiled kernels are kept"
+            )
+
+        supervisor.wait(
+            "answer of all nodes",
+            lambda: not missing(),
+            check,
+            START_LIMIT_S,
+            progress.is_compiling,
+            advice,
+        )
 
     def _check_start(self, supervisor: RunMonitor) -> None:
         """Raise SoroError if a process has ended, or another run has nodes of the same names.
@@ -396,22 +402,3 @@ class Run:
             return int(supervisor.values(node).get(count, 0)) > 0
 
         supervisor.wait(what, arrived, self.check, POSE_LIMIT_S)
-
-    def _start_valves(self) -> None:
-        scene = self.scene
-        self._report(f"starting emulated valves of {scene.platform}")
-        command = [sys.executable, "-m", "soro_hardware.emulation", scene.platform]
-        command += ["--device-link", str(self._device), "--plant-link", str(self._plant)]
-        command += ["--control", str(self._faults)]
-        command += ["--seed", str(scene.seed), "--cycle-hz", str(scene.rate_hz)]
-        if scene.mode == "lockstep":
-            command.append("--lockstep")
-        # Above the priority of the driver: real devices have processors of their own.
-        priority = 40 if scene.mode == "real_time" else 0
-        child = self._children["valves"] = processes.start("valves", command, self.folder, priority)
-        deadline = time.monotonic() + VALVES_LIMIT_S
-        while "ready:" not in child.log.read_text(errors="replace"):
-            self.check()
-            if time.monotonic() > deadline:
-                raise SoroError(f"emulated valves are not ready: {child.last_lines()}")
-            time.sleep(0.02)

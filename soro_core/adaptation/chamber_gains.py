@@ -113,7 +113,7 @@ class ChamberModel:
     @cached_property
     def _of_link(self) -> Array:
         """Whether a chamber begins at a link, 0 or 1: (n_u, links)."""
-        return (self.link[:, None] == np.arange(self.size - self.link.size)).astype(float)
+        return np.asarray(self.link[:, None] == np.arange(self.size - self.link.size), dtype=np.float64)
 
     def force(self, values: Array, q: Array, acting_pa: Array) -> tuple[Array, Array]:
         """Return H(q) (1 - e(q)) p (n_q,), what the file's H makes too much, and its change by q (n_q, n_q).

@@ -84,5 +84,6 @@ def rivals(information: Array, moment: Array, first: int, room: tuple[Array, Arr
     found = np.zeros((2, moment.size))
     for values, count in zip(found, (first, moment.size), strict=True):
         A, b = information[:count, :count], moment[:count]
-        values[:count] = bounded_minimum(A, b, np.linalg.solve(A, b), *(bound[:count] for bound in room))
+        free = np.asarray(np.linalg.solve(A, b), dtype=np.float64)
+        values[:count] = bounded_minimum(A, b, free, *(bound[:count] for bound in room))
     return found

@@ -8,7 +8,8 @@ is never taken smaller than the estimate of independent samples.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,6 +27,8 @@ UNDETERMINED = 0.5
 _AT_BOUND = 1e-3
 # A run has at least so many blocks; a block is so many times as long as correlation lasts.
 _FEWEST, _BLOCK = 10, 3.0
+# Names of gains of whole links.
+_GAIN = re.compile(r"link\d+/gain")
 # Parts of a combination of numbers that are named: those above this share of the largest.
 _NAMED = 0.5
 
@@ -51,6 +54,12 @@ class Uncertainty:
     correlation: Array
     undetermined: dict[str, tuple[str, ...]]
     at_bound: tuple[str, ...]
+
+
+def scale_deviation(deviations: Mapping[str, float]) -> float | None:
+    """Return the deviation of the scale of forces: of the least certain gain of a link; None without one."""
+    own = [size for name, size in deviations.items() if _GAIN.fullmatch(name)]
+    return min(max(own), 1.0) if own else None
 
 
 def certainty(problem: Problem, solution: FitSolution) -> Uncertainty:

@@ -224,7 +224,7 @@ def identify(
     found = calibrated(
         last.robot_of(solution.values), (s for r in recordings for s in r.shapes), solution.values
     )
-    std = scale_deviation(sure.deviations)
+    std = scale_deviation(last.numbers, sure)
     if std is not None:
         found = found.replace(calibration=found.calibration.model_copy(update={"gain_std": std}))
     interrupted = interrupted or solution.interrupted

@@ -9,7 +9,7 @@ is never taken smaller than the estimate of independent samples.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,10 +56,26 @@ class Uncertainty:
     at_bound: tuple[str, ...]
 
 
-def scale_deviation(deviations: Mapping[str, float]) -> float | None:
-    """Return the deviation of the scale of forces: of the least certain gain of a link; None without one."""
-    own = [size for name, size in deviations.items() if _GAIN.fullmatch(name)]
-    return min(max(own), 1.0) if own else None
+def scale_deviation(numbers: Sequence[ArmParameter], sure: Uncertainty) -> float | None:
+    """Return the deviation of the scale of moments, and so of lateral forces, as a part of it.
+
+    That of gain times moment arm, of the link for which it is least certain; None where no gain is searched.
+
+    Parameters
+    ----------
+    numbers : sequence of ArmParameter
+        Of the problem.
+    sure : Uncertainty
+        Of its solution.
+    """
+    at = {number.name: k for k, number in enumerate(numbers)}
+    found = []
+    for name in filter(_GAIN.fullmatch, at):
+        parts = [part for part in (name, name.replace("/gain", "/arm")) if part in at]
+        own = np.array([sure.deviations[part] for part in parts])
+        index = [at[part] for part in parts]
+        found.append(float(np.sqrt(max(own @ sure.correlation[np.ix_(index, index)] @ own, 0.0))))
+    return min(max(found), 1.0) if found else None
 
 
 def certainty(problem: Problem, solution: FitSolution) -> Uncertainty:

@@ -102,7 +102,17 @@ def with_base(t: Tables) -> Tables:
 
 
 def forces_on_base(base: Base, arm: SoftArm, t: float, q: Array, qd: Array) -> Array:
-    """Return the forces (n_places, 3) of `SoftArm.external_forces` on an arm whose base moves."""
+    """Return the forces (n_places, 3) of `SoftArm.external_forces` on an arm whose base moves.
+
+    Parameters
+    ----------
+    base, arm : callable, SoftArm
+        As of `base_rows`.
+    t : float
+        Time [s].
+    q, qd : ndarray (n_q,)
+        Coordinates and velocities.
+    """
     row, tables = base_rows(base, arm, np.array([t]))[0], with_base(arm.tables)
     tables.base_rotation[:], tables.base_position[:] = row[:9].reshape(3, 3), row[9:12]
     tables.base.twist[:] = row[12:18]

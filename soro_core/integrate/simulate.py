@@ -6,19 +6,19 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from soro_core._box import Box
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import air_behind, air_pressures, initial_air
 from soro_core.integrate.base_motion import Base, base_rows, moved
 from soro_core.integrate.causes import BY_LOAD, describe_at
 from soro_core.integrate.state import State, Status
-from soro_core.integrate.stepper import Run, internal_states, run_of, stepping
+from soro_core.integrate.stepper import internal_states, run_of, stepping
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, note_range, number, refuse_push, require, shaped
 from soro_core.model.dynamics import GOOD
@@ -246,7 +246,7 @@ def run_once(
     z[0, arm.n_internal :] = initial_air(air, arm, q[0], start)
     box = stepping(arm, air, base)
     if callable(wrench):
-        last, code, held = _run_pushed(run, box, wrench, (times, inputs), (q, v, z), arm)
+        last, code, held = _run_pushed(partial(run, box), wrench, (times, inputs), (q, v, z), arm)
     else:
         w = finite(flat_wrench(arm.robot, wrench), "wrench")
         last, code, held = *run(box, (times, inputs, w), (q, v, z)), wrench
@@ -259,8 +259,7 @@ def run_once(
 
 
 def _run_pushed(
-    run: Run,
-    box: Box,
+    run: Callable[..., tuple[int, int]],
     wrench: Callable[[float, State], ArrayLike],
     given: tuple[Array, Array],
     rows: tuple[Array, Array, Array],
@@ -276,7 +275,7 @@ def _run_pushed(
         held = wrench(float(times[k] + half), middle)
         w = finite(flat_wrench(arm.robot, held), "wrench(t, state)")
         step = slice(k, k + 2)
-        last, code = run(box, (times[step], inputs[step], w), (q[step], v[step], z[step]))
+        last, code = run((times[step], inputs[step], w), (q[step], v[step], z[step]))
         if last == 0:
             return k, code, held
     return len(times) - 1, GOOD, held

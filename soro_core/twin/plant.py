@@ -144,7 +144,14 @@ class ArmPlant:
         return rows if self.arm.robot.wrench_places else rows[0]
 
     def contact_force(self, state: State, t: float, since: float) -> Array:
-        """Sum (3,) of the forces of contact on the arm, in the world [N]; times as of `wrench`."""
+        """Sum (3,) of the forces of contact on the arm, in the world [N].
+
+        Parameters
+        ----------
+        state : State
+        t, since : float
+            As of `wrench`.
+        """
         if self.arm.robot.contacts is None:
             return np.zeros(3)
         self.move_wall(since)

@@ -99,7 +99,18 @@ class LawTrials:
     most: int
 
     def one(self, laws: Laws, start: Mapping[str, float], in_full: bool, progress: Progress) -> Trial | None:
-        """Return a set of laws fitted from given values; None where no such arm can be simulated."""
+        """Return a set of laws fitted from given values; None where no such arm can be simulated.
+
+        Parameters
+        ----------
+        laws : Laws
+        start : mapping of str to float
+            First guesses by name.
+        in_full : bool
+            Whether to the end, and not by a few steps only.
+        progress : callable
+            Called with the laws and the cost so far.
+        """
         return self._tried(laws, start, in_full, partial(progress, _name(laws)))
 
     def several(

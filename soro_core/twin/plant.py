@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -47,6 +48,20 @@ def _with_pushes(robot: Robot, config: TwinConfig) -> Robot:
     inner = (config.wrench.location * robot.length,) if config.wrench.location < 1.0 else ()
     places = (*robot.wrench_places, *inner)
     return robot.replace(wrench_places=(*places, robot.length)) if places else robot
+
+
+class Instant(NamedTuple):
+    """Time of a state, and what pushes then beside the scene."""
+
+    t: float = 0.0
+    """Time [s], on which the motion of the base depends."""
+    since: float = -math.inf
+    """Time after the begin of control [s], -inf before it."""
+    push: Array | None = None
+    """Torque [N m] and force [N] at the tip in the world, (6,)."""
+
+
+WAITING = Instant()
 
 
 class ArmPlant:
@@ -176,9 +191,7 @@ class ArmPlant:
         end_pa: Array,
         dt: float,
         condition: ValveCondition | None = None,
-        t: float = 0.0,
-        since: float = -math.inf,
-        push: Array | None = None,
+        at: Instant = WAITING,
     ) -> tuple[State, Status]:
         """Advance by `dt` while the pressures change linearly.
 
@@ -195,12 +208,8 @@ class ArmPlant:
             Time [s]; it is divided into equal steps of at most `step_s`.
         condition : ValveCondition, optional
             Condition of the valves, where air is a part of the state; default healthy.
-        t : float
-            Time at the start [s], on which the motion of the base depends.
-        since : float
-            Time after the begin of control at the start [s], -inf before it.
-        push : ndarray (6,), optional
-            As of `wrench`.
+        at : Instant
+            The start of the step; default before control begins, without a push.
 
         Returns
         -------
@@ -213,10 +222,10 @@ class ArmPlant:
         status = OK
         for k in range(steps):
             middle = start_pa + (end_pa - start_pa) * ((k + 0.5) / steps)
-            at = t + k * dt / steps
-            self.move_wall(since + k * dt / steps)
-            wrench = self.wrench(state, at, since + (k + 0.5) * dt / steps, push)
-            state, status = self._stepper.step(state, middle, dt / steps, wrench, condition, at)
+            t, since = at.t + k * dt / steps, at.since + k * dt / steps
+            self.move_wall(since)
+            wrench = self.wrench(state, t, since + 0.5 * dt / steps, at.push)
+            state, status = self._stepper.step(state, middle, dt / steps, wrench, condition, t)
             if not status.ok:
                 break
         return state, status

@@ -21,7 +21,7 @@ from soro_core.integrate import OK, State, Status
 from soro_core.model.checks import finite, shaped
 from soro_core.robot import Robot
 from soro_core.twin.config import SensorConfig, TwinConfig
-from soro_core.twin.plant import ArmPlant
+from soro_core.twin.plant import ArmPlant, Instant
 from soro_core.twin.sensors import (
     Sample,
     SectionMotion,
@@ -261,10 +261,8 @@ class Twin:
 
     def _step(self, state: TwinState, air: pneumatics.RegulatorState) -> TwinState:
         start_pa, end_pa = state.air.pressure_pa, air.pressure_pa
-        t = state.tick * self.dt
-        arm, status = self._plant(state).advance(
-            state.arm, start_pa, end_pa, self.dt, t=t, since=self._since(state), push=state.push
-        )
+        at = Instant(state.tick * self.dt, self._since(state), state.push)
+        arm, status = self._plant(state).advance(state.arm, start_pa, end_pa, self.dt, at=at)
         return replaced(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
     def _breathe(
@@ -279,9 +277,8 @@ class Twin:
         since = self._since(state)
         for span, target in spans:
             if status.ok and span > SHORTEST_S:
-                arm, status = plant.advance(
-                    arm, target, target, span, condition, since=since, push=state.push
-                )
+                at = Instant(since=since, push=state.push)
+                arm, status = plant.advance(arm, target, target, span, condition, at)
                 since += span
         air = replace(air, pressure_pa=self.plant.pressures(arm))
         return replaced(state, tick=state.tick + 1, arm=arm, air=air, status=status)

@@ -96,21 +96,25 @@ def _visit(t: Tables, w: Work, wrench: Array, motion: Motion, factors: TangentFa
 
 
 @inner
-def _touch(w: Work, obstacle: Array, radius: float) -> float:
-    """Depth in an obstacle of the round section at the place.
+def _touch(w: Work, obstacle: Array, radius: float, moving: float) -> float:
+    """Depth of the round section at the place in an obstacle that has been `moving` for some seconds.
 
     Where it is above 0, w.points has NORMAL, in the world, TOUCH, the point of the section that touches, seen
-    from the base of the link, and its POSITION and VELOCITY in the world.
+    from the base of the link, its POSITION in the world, and its VELOCITY seen from the obstacle.
     """
     R, p, V = w.site_rotation[LINK_BASE], w.site_position[LINK_BASE], w.site_vectors[SITE_TWIST]
     ps, x, u = w.site_position[SITE], w.points[POSITION], w.points[VELOCITY]
     n, c = w.points[NORMAL], w.points[TOUCH]
     move_point(R, p, ps, V, x, u)
+    for r in range(3):
+        x[r] -= obstacle[11 + r] * moving
     depth = radius - gap(obstacle, x, n)
     if depth > 0.0:
         for r in range(3):
             c[r] = ps[r] - radius * (R[0, r] * n[0] + R[1, r] * n[1] + R[2, r] * n[2])
         move_point(R, p, c, V, x, u)
+        for r in range(3):
+            u[r] -= obstacle[11 + r]
     return depth
 
 
@@ -128,7 +132,7 @@ def _add_force(t: Tables, w: Work, i: int, k: int, wrench: Array, tau: Array) ->
     clear(total)
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            depth = _touch(w, e.obstacles[o], e.radius[k])
+            depth = _touch(w, e.obstacles[o], e.radius[k], e.clock[0])
             if depth > 0.0:
                 clear(F)
                 add_force(e.obstacles[o], depth, n, u, F)
@@ -165,7 +169,7 @@ def _add_tangent(t: Tables, w: Work, i: int, k: int, factors: TangentFactors) ->
     u, n = w.points[VELOCITY], w.points[NORMAL]
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            depth = _touch(w, e.obstacles[o], e.radius[k])
+            depth = _touch(w, e.obstacles[o], e.radius[k], e.clock[0])
             if depth > 0.0:
                 clear_matrix(K)
                 add_tangent(e.obstacles[o], depth, n, u, factors, K)

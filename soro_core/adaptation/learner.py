@@ -372,7 +372,7 @@ class Learner:
         if stage == "contact" and state.stage != stage and state.unpushed is not None:
             mass_kg, information = state.unpushed
         elif stage == "outside force":
-            mass_kg, information = self._mass_alone(state, known, *sides, covariance, dt)
+            mass_kg, information = self._mass_alone(state, known, sides, covariance, dt)
         if mass_kg != known[0]:
             known[0] = mass_kg
             state = replaced(state, **self._parts(known))
@@ -381,19 +381,13 @@ class Learner:
         return replaced(state, stage=stage, information=information, moment=moment, passed_s=passed_s)
 
     def _mass_alone(
-        self,
-        state: LearnerState,
-        known: Array,
-        residual: Array,
-        regressor: Array,
-        covariance: Array,
-        dt: float,
+        self, state: LearnerState, known: Array, sides: tuple[Array, Array], covariance: Array, dt: float
     ) -> tuple[float, Array]:
         """Return mass [kg] and information after a sample that is to move no other value.
 
         The rule is that of `kernel.information` for this one number.
         """
-        rule = self._rule
+        rule, (residual, regressor) = self._rule, sides
         missing, by_mass = residual - regressor @ known, regressor[:, 0]
         noise = rule.noise + rule.slope @ covariance @ rule.slope.T
         weighed = np.linalg.solve(noise, np.column_stack([missing, by_mass]))

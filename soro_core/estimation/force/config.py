@@ -16,7 +16,7 @@ class ForceConfig(Strict):
         8,
         ge=1,
         le=16,
-        description="pieces of each link, which a force bends unevenly; at most 8 where links allow it",
+        description="pieces of each link, which a force bends non-uniformly; at most 8 where links allow it",
     )
     low_pass_per_s: float = Field(8.0, gt=0, le=1e3, description="low-pass of the force that is told [rad/s]")
     fast_per_s: float = Field(

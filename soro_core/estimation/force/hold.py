@@ -1,7 +1,7 @@
 """What the filter's model lacks to be where the arm is held from outside: it predicts with this force.
 
 The force at the tip keeps its direction while the arm turns under it. The rest, of one constant strain where
-a force bends a link unevenly, is what balances the model where its place is measured, without its
+a force bends a link non-uniformly, is what balances the model where its place is measured, without its
 acceleration: that of the filter would drive the filter.
 """
 
@@ -19,7 +19,7 @@ from soro_core.arrays import Array
 _STEP = 1e-5
 
 
-class Hold(NamedTuple):
+class TipHold(NamedTuple):
     """What holds the arm.
 
     Attributes
@@ -37,7 +37,7 @@ class Hold(NamedTuple):
     learned: Learned
 
 
-class Holding(NamedTuple):
+class HeldPlace(NamedTuple):
     """What is measured: all behind one low-pass.
 
     Attributes
@@ -65,17 +65,17 @@ class Holding(NamedTuple):
 
 
 def hold(
-    force: LearnedForce, before: Hold | None, seen: Holding, learned: Learned, part: float, dt: float
-) -> Hold:
+    force: LearnedForce, before: TipHold | None, seen: HeldPlace, learned: Learned, part: float, dt: float
+) -> TipHold:
     """Return what holds the arm.
 
     Parameters
     ----------
     force : LearnedForce
         Of the filter's model.
-    before : Hold or None
+    before : TipHold or None
         After the last estimate; None for a first one.
-    seen : Holding
+    seen : HeldPlace
     learned : Learned
         What is learned now.
     part, dt : float
@@ -98,7 +98,7 @@ def hold(
     rest = arm.pressure_force(q, seen.pressure_pa) - asked + of_tip
     if before is not None:
         rest = before.rest + part * (rest - before.rest)
-    return Hold(q, rest, learned.with_force(q, rest - of_tip, -by_q, scales))
+    return TipHold(q, rest, learned.with_force(q, rest - of_tip, -by_q, scales))
 
 
 def _of_tip(force: LearnedForce, q: Array, force_n: Array) -> tuple[Array, Array]:

@@ -17,8 +17,8 @@ from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
 from soro_core.estimation.force.config import ForceConfig
-from soro_core.estimation.force.hold import Hold, Holding, hold
-from soro_core.estimation.force.stage import StageState, next_stage
+from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
+from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
 from soro_core.estimation.force.tip_balance import Measured, TipBalance, TipBalancer
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.model import SoftArm
@@ -73,7 +73,7 @@ class ForceState(NamedTuple):
     force_n : ndarray (3,) or None
         Its force behind a slower low-pass [N].
     stage : StageState
-    held : Hold or None
+    held : TipHold or None
         What holds the arm from outside, for the filter; None while it is free.
     external : ExternalForce or None
         The estimate; None before the first.
@@ -88,7 +88,7 @@ class ForceState(NamedTuple):
     balance: TipBalance | None = None
     force_n: Array | None = None
     stage: StageState = StageState()
-    held: Hold | None = None
+    held: TipHold | None = None
     external: ExternalForce | None = None
 
 
@@ -167,18 +167,17 @@ class ForceObserver:
             self._part(state, rate) for rate in (config.fast_per_s, config.low_pass_per_s)
         )
         covariance = slow_part * noise + doubt
-        stage = next_stage(
-            state.stage,
+        told = ForceSeen(
             (balance.force_n, fast_part * noise + doubt),
             (slow, covariance),
             self.balancer.fine.tables.gravity,
             self.arm.robot.tip_mass + float(theta[0]),
             float(np.linalg.norm(self.arm.jacobian(seen[-1].q, s)[3:] @ measured.qdd)),
-            dt,
         )
+        stage = next_stage(state.stage, told, dt)
         held = None
         if stage.stage != "free" and learned is not None:
-            place = Holding(measured.position, s, state.q, measured.pressure_pa, seen[-1].internal, slow)
+            place = HeldPlace(measured.position, s, state.q, measured.pressure_pa, seen[-1].internal, slow)
             with contextlib.suppress(
                 ModelError, np.linalg.LinAlgError
             ):  # no coordinates have the place there

@@ -60,20 +60,11 @@ class StageState(NamedTuple):
         return max(1.0, self.usual / 3.0)
 
 
-def next_stage(
-    state: StageState,
-    fast: tuple[Array, Array],
-    slow: tuple[Array, Array],
-    gravity: Array,
-    load_kg: float,
-    acceleration: float,
-    dt: float,
-) -> StageState:
-    """Return the stage after an estimate.
+class ForceSeen(NamedTuple):
+    """What an estimate says of the force.
 
-    Parameters
+    Attributes
     ----------
-    state : StageState
     fast, slow : tuple of ndarray (3,), (3, 3)
         Force [N] and its covariance behind the fast and the slow low-pass.
     gravity : ndarray (3,)
@@ -82,9 +73,26 @@ def next_stage(
         Mass that the tip is believed to carry, of which no more can have gone.
     acceleration : float
         That of the tip [m/s^2].
+    """
+
+    fast: tuple[Array, Array]
+    slow: tuple[Array, Array]
+    gravity: Array
+    load_kg: float
+    acceleration: float
+
+
+def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
+    """Return the stage after an estimate.
+
+    Parameters
+    ----------
+    state : StageState
+    seen : ForceSeen
     dt : float
         Time since the last estimate [s].
     """
+    fast, slow, gravity, load_kg, acceleration = seen
     # What the model misses while it learns comes and goes with the motion; a force from outside is new.
     size = _size(*fast)
     usual = state.usual

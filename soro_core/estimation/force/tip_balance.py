@@ -1,7 +1,7 @@
 """Force at the tip that brings the rest of a finer arm to where the tip is measured; docs/force.md.
 
-A force at the tip bends a link unevenly, and one constant strain takes that for a force along the arm. The
-finer arm has several pieces for each link of the model; inertia and damping of the motion, creep and what is
+A force at the tip bends a link non-uniformly, and one constant strain takes that for a force along the
+arm. The finer arm has several pieces for each link of the model; inertia and damping of the motion, creep and what is
 learned act on it as on the model, evenly along each link.
 """
 

@@ -50,7 +50,7 @@ class FineArm(NamedTuple):
     """That of the robot file [kg]."""
 
 
-class Balance(NamedTuple):
+class TipKnown(NamedTuple):
     """What the arm is measured and known to do, after one low-pass."""
 
     position: Array
@@ -64,8 +64,8 @@ class Balance(NamedTuple):
     """Other generalised force on the left-hand side, (n,)."""
 
 
-BalanceFields: TypeAlias = tuple[Array, Array, Array, Array, Array]
-"""Fields of a `Balance`: numba takes a plain tuple from Python faster."""
+TipFields: TypeAlias = tuple[Array, Array, Array, Array, Array]
+"""Fields of a `TipKnown`: numba takes a plain tuple from Python faster."""
 
 
 @kernel
@@ -115,7 +115,7 @@ def step(
     box: Box,
     sites: tuple[tuple[int, float, int, float, Array, Array], tuple[int, float, int, float, Array, Array]],
     theta: Array,
-    fields: BalanceFields,
+    fields: TipFields,
     steps: int,
     shape: tuple[Array, Array],
     out: tuple[Array, Array, Array],
@@ -126,7 +126,7 @@ def step(
     after the steps. out <- derivatives of F by the position (3, 3), by a generalised force of the coarse arm
     on the left-hand side (3, n), and by the pressures (3, n_u).
     """
-    arm, known = view(box), Balance(*fields)
+    arm, known = view(box), TipKnown(*fields)
     tip, place = Site(*sites[0]), Site(*sites[1])
     x, F = shape
     by_position, by_force, by_pressure = out

@@ -1,8 +1,8 @@
 """Force at the tip that brings the rest of a finer arm to where the tip is measured; docs/force.md.
 
-A force at the tip bends a link non-uniformly, and one constant strain takes that for a force along the
-arm. The finer arm has several pieces for each link of the model; inertia and damping of the motion, creep and what is
-learned act on it as on the model, evenly along each link.
+A force at the tip bends a link non-uniformly, and one constant strain takes that for a force along the arm.
+The finer arm has several pieces for each link of the model; inertia and damping of the motion, creep and what
+is learned act on it as on the model, evenly along each link.
 """
 
 from __future__ import annotations
@@ -146,5 +146,5 @@ class TipBalancer:
         out = np.empty((3, 3)), np.empty((3, n)), np.empty((3, n_u))
         sites = self._site(self.fine.length), self._site(min(max(s, 0.0), self.fine.length))
         steps = _FIRST if before is None else _NEXT
-        code = kernel.step(self._box, sites, theta, measured[:], steps, (x, force), out)
+        code = kernel.step(self._box, sites, (*measured, theta), steps, (x, force), out)
         return TipBalance(x, force, *out) if code == GOOD else None

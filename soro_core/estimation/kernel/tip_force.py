@@ -62,9 +62,11 @@ class TipKnown(NamedTuple):
     qdd: Array
     force: Array
     """Other generalised force on the left-hand side, (n,)."""
+    theta: Array
+    """Learned mass at the tip [kg] and W."""
 
 
-TipFields: TypeAlias = tuple[Array, Array, Array, Array, Array]
+TipFields: TypeAlias = tuple[Array, Array, Array, Array, Array, Array]
 """Fields of a `TipKnown`: numba takes a plain tuple from Python faster."""
 
 
@@ -114,7 +116,6 @@ def _learned(arm: FineArm, theta: Array, x: Array, force: Array, K: Array) -> No
 def step(
     box: Box,
     sites: tuple[tuple[int, float, int, float, Array, Array], tuple[int, float, int, float, Array, Array]],
-    theta: Array,
     fields: TipFields,
     steps: int,
     shape: tuple[Array, Array],
@@ -127,7 +128,7 @@ def step(
     on the left-hand side (3, n), and by the pressures (3, n_u).
     """
     arm, known = view(box), TipKnown(*fields)
-    tip, place = Site(*sites[0]), Site(*sites[1])
+    tip, place, theta = Site(*sites[0]), Site(*sites[1]), known.theta
     x, F = shape
     by_position, by_force, by_pressure = out
     t = arm.tables

@@ -35,7 +35,7 @@ FLAT = 0.1
 
 HEADER = """# Scene gallery
 
-Each [scene](README.md) below is a file that you can run, read and change; the comment at its top says more.
+Each [scene](README.md) is a file to run, read and change; the comment at its top says more.
 
     soro scenes                                      # prints name and purpose of each
     soro run set_points                              # in real time; --set mode=lockstep: without deadlines

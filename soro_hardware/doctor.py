@@ -36,6 +36,7 @@ def examine(
     endpoint: str | None = None,
     run_s: float = 1.0,
     clock: Callable[[], float] = time.monotonic,
+    limits: Limits | None = None,
 ) -> Iterator[Finding]:
     """Yield the findings of all checks, each after those that it depends on; stop after a failure.
 
@@ -49,9 +50,11 @@ def examine(
         Time [s] for which the devices are held at 0 Pa; 0 to check without a start-up.
     clock : callable
         Returns a monotonic time [s].
+    limits : Limits, optional
+        Those that the scene of a run states; default: those of a scene that states none.
     """
     yield Finding("family", "ok", f"{platform.family}, tried on: {find_family(platform.family).tried_on}")
-    yield check_range(platform)
+    yield check_range(platform, limits)
     yield check_real_time(*resource.getrlimit(resource.RLIMIT_RTPRIO), os.geteuid() == 0)
     address = endpoint or platform.device
     failed = False
@@ -80,19 +83,20 @@ def examine(
         yield check_age(regulator.update_hz, regulator.reading_age_s)
 
 
-def check_range(platform: PlatformBase) -> Finding:
-    """Check the range of set points against the rating of the arm and the default limits of a run."""
-    name, limits = "pressure range", Limits()
+def check_range(platform: PlatformBase, stated: Limits | None = None) -> Finding:
+    """Check the range of set points against the rating of the arm and the limits of a run."""
+    name, limits = "pressure range", stated or Limits()
+    whose = "the default limits" if stated is None else "the limits of the scene"
     low, high = platform.range.minimum_pa / 1e3, platform.range.maximum_pa / 1e3
     found = f"{low:g} to {high:g} kPa, rated below {platform.rating.maximum_pa / 1e3:g} kPa"
     if limits.maximum_pa > platform.range.maximum_pa:
-        found += f"; the default limits allow {limits.maximum_pa / 1e3:g} kPa, at which the arm trips"
-        advice = f"`limits: {{maximum_pa: {platform.range.maximum_pa:g}}}` in the scene"
+        found += f"; {whose} allow {limits.maximum_pa / 1e3:g} kPa, at which the arm trips"
+        advice = f"`limits: {{maximum_pa: {platform.range.maximum_pa:g}}}` in the scene (--scene looks there)"
         return Finding(name, "warn", found, advice)
     try:
         check_rating(limits, platform.rating, where="")
     except ConfigError as error:
-        found += "; the default limits exceed it, and a run with them is refused"
+        found += f"; {whose} exceed it, and a run with them is refused"
         return Finding(name, "warn", found, f"in the scene, {error.key}: {error.allowed}")
     return Finding(name, "ok", found)
 

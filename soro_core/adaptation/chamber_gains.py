@@ -2,17 +2,18 @@
 
 The robot file's H(q) has a column H_u for each chamber u. The true one is taken as e_u(q) H_u(q),
 
-    e_u(q) = 1 + g_u + b_i delta_u(q),
+    e_u(q) = (1 + g_u) exp(b_i delta_u(q)),
 
 with the relative gain g_u, the area slope b_i of link i beyond the file's, and the mean strain delta_u of the
-chamber's fibre. The g_u of a link have the mean 0: in free motion, a gain that all chambers share cannot be
-told from stiffness and load (docs/control.md).
+chamber's fibre: areas grow so in a robot file, too. The g_u of a link have the mean 0: in free motion, a gain
+that all chambers share cannot be told from stiffness and load (docs/control.md).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,13 +25,12 @@ from soro_core.linear import block_diagonal
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
 
-# Bounds of g and b, and of e: H keeps its rank.
+# Bounds of g and b, of the growth of an area, and of e: H keeps its rank.
 LEAST_GAIN, MOST_GAIN, MOST_SLOPE = -0.7, 1.0, 10.0
-_LEAST, _MOST = 0.2, 3.0
+_MOST_GROWTH = 4.0
+_LEAST, _MOST = 0.2, 4.0
 # Prior deviation of the mean of the g of a link, which stays at 0.
 _MEAN_STD = 1e-3
-# Prior deviation of slopes that are not in doubt.
-_SURE_SLOPE_STD = 0.02
 # Part of a unit of q for the difference quotient of H.
 _STEP = 1e-6
 # A chamber is named whose gain differs from that of the others by this part, and by so many deviations.
@@ -70,25 +70,18 @@ class ChamberModel:
         """Number of values."""
         return self.lower.size
 
-    def prior(self, values: Array, doubts_areas: bool) -> Array:
-        """Return the inverse covariance (size, size) that is expected of values like these.
+    def prior(self, values: Array) -> Array:
+        """Return the inverse covariance (size, size) that is expected of values (size,) like these.
 
         Most files are right, and some are far off: a prior with long tails, as that of a Gaussian whose
-        variance grows with what is found. On one motion a slope looks like a stiffness: it stays small until
-        the areas are in doubt.
-
-        Parameters
-        ----------
-        values : ndarray (size,)
-        doubts_areas : bool
+        variance grows with what is found.
         """
-        slope_std = self.slope_std if doubts_areas else _SURE_SLOPE_STD
         n = self.link.size
         same = (self.link[:, None] == self.link).astype(float)
         mean = same / same.sum(axis=1)
         largest = np.max(values[:n] ** 2 * same, axis=1, initial=0.0)
         gains = (np.eye(n) - mean) / (self.gain_std**2 + largest)[:, None] + mean / _MEAN_STD**2
-        return block_diagonal(gains, np.diag(1.0 / (slope_std**2 + values[n:] ** 2)))
+        return block_diagonal(gains, np.diag(1.0 / (self.slope_std**2 + values[n:] ** 2)))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -99,16 +92,28 @@ class ChamberModel:
 
     def factor(self, values: Array, q: Array) -> Array:
         """Return e (n_u,) at coordinates q (n_q,)."""
-        n = self.link.size
-        found = 1.0 + values[:n] + values[n:][self.link] * (self.fibre @ q)
+        found = (1.0 + values[: self.link.size]) * self._growth(values, self.fibre @ q)
         return np.asarray(np.minimum(np.maximum(found, _LEAST), _MOST))
 
-    def regressor(self, q: Array, acting_pa: Array) -> Array:
-        """Return the change (n_q, size) of `force` by the values."""
-        by_gain = -self.arm.actuation_matrix(q) * acting_pa
-        by_slope = by_gain * (self.fibre @ q)
-        links = np.arange(self.lower.size - self.link.size)
-        return np.concatenate([by_gain, by_slope @ (self.link[:, None] == links)], axis=1)
+    def _growth(self, values: Array, strain: Array) -> Array:
+        """Return exp(b_i delta_u) (n_u,) at strains delta (n_u,), within bounds."""
+        growth = np.exp(values[self.link.size :][self.link] * strain)
+        return np.asarray(np.minimum(np.maximum(growth, 1.0 / _MOST_GROWTH), _MOST_GROWTH))
+
+    def tangent(self, values: Array, q: Array, acting_pa: Array) -> tuple[Array, Array]:
+        """Return the tangent of `force` at `values`: where they are 0 (n_q,), and its change (n_q, size)."""
+        n, strain = self.link.size, self.fibre @ q
+        growth, whole = self._growth(values, strain), self.arm.actuation_matrix(q) * acting_pa
+        by_gain = -growth * whole
+        by_slope = by_gain * ((1.0 + values[:n]) * strain)
+        change = np.concatenate([by_gain, by_slope @ self._of_link], axis=1)
+        force = whole.sum(axis=1) + by_gain @ (1.0 + values[:n])
+        return force - change @ values, change
+
+    @cached_property
+    def _of_link(self) -> Array:
+        """Whether a chamber begins at a link, 0 or 1: (n_u, links)."""
+        return np.asarray(self.link[:, None] == np.arange(self.size - self.link.size), dtype=np.float64)
 
     def force(self, values: Array, q: Array, acting_pa: Array) -> tuple[Array, Array]:
         """Return H(q) (1 - e(q)) p (n_q,), what the file's H makes too much, and its change by q (n_q, n_q).

@@ -60,11 +60,10 @@ class LearnerConfig(Strict):
         0.015, gt=0, le=1, description="prior deviation of a chamber's gain from the mean of its link"
     )
     slope_std: float = Field(
-        0.25,
+        3.0,
         gt=0,
         le=20,
-        description="prior deviation of the area slope of a link's chambers from the file's, once the mass "
-        "has been at its bound",
+        description="prior deviation of the area slope of a link's chambers from the file's",
     )
     weight_bound: float = Field(20.0, gt=0, le=1e4, description="largest entry of W")
     noise: float | None = Field(

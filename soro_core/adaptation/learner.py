@@ -27,6 +27,7 @@ from soro_core.adaptation.kernel.information import LearningRule, RuleFields, ga
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.nonuniform_force import NonuniformForce
+from soro_core.adaptation.slope_evidence import NO_EVIDENCE, SlopeEvidence, compared, rivals
 from soro_core.arrays import Array, Integers
 from soro_core.frozen import replaced
 from soro_core.linear import inverse
@@ -103,9 +104,8 @@ class LearnerState:
         Time before the low-pass began, and since then [s].
     at_bound_s : float
         Time at a bound without a break [s].
-    doubts_areas : bool
-        Whether the mass has been at its bound for `bound_s`: no load explains the residual, so that the areas
-        of the chambers may.
+    slopes : SlopeEvidence
+        Whether the slopes of the areas are in force.
     refused, restored : int
         Samples that were not finite; restorations of the prior.
     judged_s, named : float, str
@@ -133,7 +133,7 @@ class LearnerState:
     waited_s: float = 0.0
     passed_s: float = 0.0
     at_bound_s: float = 0.0
-    doubts_areas: bool = False
+    slopes: SlopeEvidence = NO_EVIDENCE
     refused: int = 0
     restored: int = 0
     judged_s: float = 0.0
@@ -181,7 +181,8 @@ class Learner:
         if kept is not None:
             self.start = kept.start(arm.robot, self.names, self.lower, self.upper)
         self.prior = self._prior(self.start, self.start)
-        lasting = slice(len(self.load_prior), self.force.size)
+        self.first_slope = self.force.size + self.chambers.link.size
+        order, lasting = self._order()
         self._rule = LearningRule(
             config.low_pass_per_s,
             config.forget_s,
@@ -191,9 +192,10 @@ class Learner:
             self.prior,
             config.noise**2 * np.eye(arm.n_q),
             self.slope,
-            self._order(),
+            order,
             *((bound - self.start)[lasting] for bound in (self.lower, self.upper)),
         )
+        self._lasting = lasting
         self._box = make_box(arm.tables)
         zero = np.zeros(arm.n_q)
         self._nothing = NonuniformForce(zero, 0.0, zero, zero, np.zeros((arm.n_q, arm.n_q)))
@@ -234,7 +236,7 @@ class Learner:
         start[own] = np.where(np.isin(link, link[is_other]), within, start[own])
         return self.initial_state(start)
 
-    def _prior(self, start: Array, theta: Array, doubts_areas: bool = False) -> Array:
+    def _prior(self, start: Array, theta: Array) -> Array:
         """Return A_0 (size, size) for a start and such values of damping and chambers.
 
         Values that were kept or measured are in doubt by their own size, as at the end of a run that learned
@@ -246,14 +248,22 @@ class Learner:
         prior = np.zeros((self.size, self.size))
         prior[:load, :load] = self.load_prior
         prior[load:size, load:size] = self.force.damping.prior(self.damping_std, far[: size - load])
-        prior[size:, size:] = self.chambers.prior(far[size - load :], doubts_areas)
+        prior[size:, size:] = self.chambers.prior(far[size - load :])
         return prior
 
-    def _order(self) -> Integers:
-        """Return the order of the values for the learning rule: what lasts, the damping, at the end."""
-        first, behind = len(self.load_prior), self.force.size
-        parts = np.arange(first), np.arange(behind, self.size), np.arange(first, behind)
-        return np.concatenate(parts).astype(np.int64)
+    def _order(self) -> tuple[Integers, Integers]:
+        """Return the order of the values for the learning rule; and what lasts, its end: damping, slopes."""
+        values = np.arange(self.size)
+        lasts = (values >= len(self.load_prior)) & (values < self.force.size) | (values >= self.first_slope)
+        lasting = np.flatnonzero(lasts)
+        return np.concatenate([np.flatnonzero(~lasts), lasting]), lasting
+
+    def _room(self, start: Array, has_slopes: bool) -> tuple[Array, Array]:
+        """Return the bounds (size,) of what is learned beyond the start: slopes stay there or are free."""
+        lower, upper = self.lower - start, self.upper - start
+        if not has_slopes:
+            lower[self.first_slope :] = upper[self.first_slope :] = 0.0
+        return lower, upper
 
     def _parts(self, theta: Array) -> dict[str, Any]:
         """Return all learned values as the fields of a state."""
@@ -307,33 +317,40 @@ class Learner:
             raise fault(code, sample.q, sample.qd)
         if is_first and state.waited_s < _WAIT_S and self._doubtful(covariance):
             return replace(state, rate=sample.qd, waited_s=state.waited_s + dt, note="")
-        of_chambers = self.chambers.regressor(sample.q, self.arm.acting_pressure(sample.pressure_pa))
+        acting_pa = self.arm.acting_pressure(sample.pressure_pa)
+        beyond, of_chambers = self.chambers.tangent(state.chambers, sample.q, acting_pa)
+        residual -= part * beyond / scales.force
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
         if sample.stage != "free":
             held = self._held(state, sample.stage, (residual, regressor), covariance, dt)
             return replaced(held, residual=residual, regressor=regressor, rate=sample.qd, note=state.named)
         start, known = state.start, np.concatenate([state.learned.theta, state.chambers])
-        prior = self._prior(start, known, state.doubts_areas)
+        prior = self._prior(start, known)
         information, moment = state.information + (prior - state.prior), state.moment.copy()
         # What is learned is the difference from the start, to which it returns.
         theta = known - start
-        rule: RuleFields = self._rule._replace(prior=prior)[:]
+        room = self._room(start, state.slopes.adopted)
+        least, most = (bound[self._lasting] for bound in room)
+        rule: RuleFields = self._rule._replace(prior=prior, least=least, most=most)[:]
         sides = residual - regressor @ start, regressor
         after = np.empty_like(information), np.empty_like(moment)
         is_determined = gain(rule, dt, covariance, sides, (information, moment, *after), theta)
         if not is_determined:  # a covariance that cancels the noise, for one
             return self._restored(state, "the information is singular: prior restored")
-        room = self.lower - start, self.upper - start
         within = start + bounded_minimum(information, moment, theta, *room)
         mass_kg = within[0]
         at_bound_s = state.at_bound_s + dt if mass_kg in (self.lower[0], self.upper[0]) else 0.0
         note = ""
         if at_bound_s > config.bound_s:
             note = f"the learned mass at the tip is at its bound, {1e3 * mass_kg:.3g} g"
-        parts, judged_s, named = self._parts(within), state.judged_s + dt, state.named
+        parts, judged_s, slopes, named = self._parts(within), state.judged_s + dt, state.slopes, state.named
         if judged_s >= _JUDGED_S:
-            judged_s, named = 0.0, self._named(parts["chambers"], information)
+            noise = self._rule.noise + self.slope @ covariance @ self.slope.T
+            adopted, mean = compared(slopes, sides, noise, judged_s)
+            found = rivals(information, moment, self.first_slope, self._room(start, True))
+            slopes, judged_s = SlopeEvidence(adopted, mean, found), 0.0
+            named = self._named(parts["chambers"], information)
         past = tuple((kept[0] + dt, *kept[1:]) for kept in state.past)
         if not past or past[-1][0] >= _PAST_S:
             past = (*past[-1:], (0.0, *(getattr(state, name) for name in _KEPT)))
@@ -350,7 +367,7 @@ class Learner:
             rate=sample.qd,
             passed_s=state.passed_s + dt,
             at_bound_s=at_bound_s,
-            doubts_areas=state.doubts_areas or at_bound_s > config.bound_s,
+            slopes=slopes,
             judged_s=judged_s,
             named=named,
             note="; ".join(filter(None, (named, note))),

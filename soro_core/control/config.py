@@ -237,14 +237,12 @@ class ControllerConfig(Strict):
 
     @field_validator("law", mode="before")
     @classmethod
-    def _named(cls, law: object) -> object:
-        return named(law)
-
-    @field_validator("law")
-    @classmethod
-    def _known(cls, name: str) -> str:
-        find_law(name := with_folder(name, Path()))
-        return name
+    def _known(cls, law: object) -> object:
+        if isinstance(law, type):
+            return named(law)
+        if isinstance(law, str):
+            find_law(law := with_folder(law, Path()))
+        return law
 
     @field_validator("law_options")
     @classmethod

@@ -15,6 +15,7 @@ from soro_lab.scene.scene import Scene
 
 # Keys of a scene that name files.
 _FILES = ("robot", "platform", "controller")
+_TEXTS = ("name", "description", "platform")
 
 
 def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene:
@@ -36,6 +37,8 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     for key, value in (changes or {}).items():
         _set(data, key, value, str(path))
         _read_controller(data, Path())
+    # A text without a value, `platform:`, is none.
+    data = {key: value for key, value in data.items() if value is not None or key not in _TEXTS}
     data.setdefault("name", path.stem)
     scene = parse(data, Scene, where=str(path))
     platform = scene.loaded_platform

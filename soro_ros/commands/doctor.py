@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from soro_core.config import name_argument
+from soro_core.config import completer_of, name_argument
 from soro_core.files.units import unit_option
 
 if TYPE_CHECKING:
@@ -30,6 +30,13 @@ def doctor(
             "--seconds", "s", 0.0, 60.0, "1s", help="Hold the devices at 0 Pa that long; 0: look only."
         ),
     ] = 1.0,
+    scene: Annotated[
+        str,
+        typer.Option(
+            help="Scene whose limits are examined too; default: those of a scene that states none.",
+            autocompletion=completer_of("scenes"),
+        ),
+    ] = "",
     dump: Annotated[
         bool,
         typer.Option("--dump", help="Instead: prove WITH PRESSURE that the dump valve works."),
@@ -68,7 +75,12 @@ def doctor(
         config = DumpConfig(pressure_pa=pressure, limit_s=within, wait_s=wait)
         findings, interrupted = _dump(config, loaded, platform, device, chamber, yes, lockstep)
     else:
-        findings = list(examine(loaded, device, seconds))
+        limits = None
+        if scene:
+            from soro_lab.scene import load_scene
+
+            limits = load_scene(scene).limits
+        findings = list(examine(loaded, device, seconds, limits=limits))
     if as_json:
         typer.echo(json.dumps([finding._asdict() for finding in findings], indent=2))
     else:

@@ -26,6 +26,8 @@ _LEGEND_IN = 0.5
 _SHORT = 30
 # Events that stand below a picture.
 _MOST_EVENTS = 8
+# Height of a row of their text [in].
+_ROW_IN = 0.16
 _RUN = (panels.PATH, panels.ERROR, panels.PRESSURES, panels.ESTIMATES)
 
 
@@ -102,11 +104,13 @@ def _axes(rows: int, columns: int, size_in: tuple[float, float], **options: bool
 
 
 def _tell(figure: Figure, lines: Sequence[str], width: int) -> None:
-    """Write the first lines below a picture, each of at most `width` letters."""
+    """Write the first lines below a picture, in rows of at most `width` letters."""
     if lines:
         more = [f"and {len(lines) - _MOST_EVENTS} more"] if len(lines) > _MOST_EVENTS else []
-        told = (textwrap.shorten(line, width) for line in [*lines[:_MOST_EVENTS], *more])
-        figure.supxlabel("\n".join(told), x=0.01, ha="left", fontsize="small")
+        shown = [*lines[:_MOST_EVENTS], *more]
+        told = "\n".join(textwrap.fill(line, width, subsequent_indent="    ") for line in shown)
+        figure.set_figheight(figure.get_figheight() + _ROW_IN * told.count("\n"))
+        figure.supxlabel(told, x=0.01, ha="left", fontsize="small")
 
 
 def picture_of_fields(

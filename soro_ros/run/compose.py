@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import sys
-import tempfile
-import time
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -28,12 +25,11 @@ from soro_ros.run.loop_nodes import OBSERVERS, LoopNodes, control_loop
 from soro_ros.run.processes import Child, NodeError
 from soro_ros.run.start_progress import StartProgress
 from soro_ros.run.supervisor import RunMonitor
+from soro_ros.run.valves import Links, start_valves, wait_for_valves
 from soro_ros.topics.diagnostics import OVER
 
 # Longest start of nodes [s], without the time in which they compile kernels.
 START_LIMIT_S = 180.0
-# Emulated valves compile nothing.
-VALVES_LIMIT_S = 20.0
 # The user starts the driver of a real arm's pose sensor.
 POSE_LIMIT_S = 20.0
 # Running nodes discover each other within two seconds.
@@ -93,11 +89,7 @@ class Run:
         self.nodes: list[str] = []
         """Names of the nodes that have been started."""
         self._children: dict[str, Child] = {}
-        # Short, whatever the folder of the run: the path of a socket has at most 107 characters.
-        self._links = tempfile.TemporaryDirectory(prefix="soro-")
-        links = Path(self._links.name)
-        self._device = links / "valves.pty"
-        self._plant, self._faults = links / "plant.sock", links / "faults.sock"
+        self._links = Links()
         # The node that drives the valves; it vents when it ends.
         self._driver = "regulator" if scene.platform else "twin"
         self.has_started = False
@@ -145,7 +137,9 @@ class Run:
         scene = self.scene
         self.check()
         if scene.emulates:
-            self._start_valves()
+            self._report(f"starting emulated valves of {scene.platform}")
+            valves = self._children["valves"] = start_valves(scene, folder=self.folder, links=self._links)
+            wait_for_valves(valves, self.check)
         if scene.recorder.enabled:
             topics, exclude = recorded_topics(scene), scene.recorder.exclude
             notes = tuple(f"{name}={version}" for name, version in versions().items())
@@ -155,7 +149,7 @@ class Run:
             self._start_nodes(supervisor, {"recorder": recorder})
         nodes: dict[str, Strict] = {}
         if scene.arm != "real":
-            nodes["twin"] = scene.twin_node(str(self._plant), str(self._faults))
+            nodes["twin"] = scene.twin_node(str(self._links.plant), str(self._links.faults))
         elif self._loop.shadow:
             nodes["shadow"] = scene.shadow_node()
         nodes |= self._loop.nodes
@@ -165,7 +159,7 @@ class Run:
         self._start_nodes(supervisor, nodes)
         if scene.platform:
             # Last, when no node compiles any more: its deadlines start with its first exchange.
-            self._start_nodes(supervisor, {"regulator": scene.regulator_node(str(self._device))})
+            self._start_nodes(supervisor, {"regulator": scene.regulator_node(str(self._links.device))})
         if scene.arm == "real":
             self._wait_for_arm(supervisor)
         if scene.mode == "real_time":
@@ -212,7 +206,7 @@ class Run:
     def _inject(self) -> None:
         """Inject the scene's faults."""
         if self.scene.faults:
-            with contextlib.closing(ControlClient(self._faults)) as client:
+            with contextlib.closing(ControlClient(self._links.faults)) as client:
                 for fault in self.scene.faults:
                     client.inject(fault)
 
@@ -327,7 +321,7 @@ class Run:
                 self._warn(name, child.end_report(forced), has_failed=True)
             elif self._status[name] != 0:
                 unclean[name] = child.end_report(forced)
-        self._links.cleanup()
+        self._links.close()
         self._claims.close()
         if self._pulse is not None:
             self._pulse.close()
@@ -408,22 +402,3 @@ class Run:
             return int(supervisor.values(node).get(count, 0)) > 0
 
         supervisor.wait(what, arrived, self.check, POSE_LIMIT_S)
-
-    def _start_valves(self) -> None:
-        scene = self.scene
-        self._report(f"starting emulated valves of {scene.platform}")
-        command = [sys.executable, "-m", "soro_hardware.emulation", scene.platform]
-        command += ["--device-link", str(self._device), "--plant-link", str(self._plant)]
-        command += ["--control", str(self._faults)]
-        command += ["--seed", str(scene.seed), "--cycle-hz", str(scene.rate_hz)]
-        if scene.mode == "lockstep":
-            command.append("--lockstep")
-        # Above the priority of the driver: real devices have processors of their own.
-        priority = 40 if scene.mode == "real_time" else 0
-        child = self._children["valves"] = processes.start("valves", command, self.folder, priority)
-        deadline = time.monotonic() + VALVES_LIMIT_S
-        while "ready:" not in child.log.read_text(errors="replace"):
-            self.check()
-            if time.monotonic() > deadline:
-                raise SoroError(f"emulated valves are not ready: {child.last_lines()}")
-            time.sleep(0.02)

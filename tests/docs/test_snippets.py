@@ -52,7 +52,7 @@ def test_commands_have_the_options_that_pages_show(page):
 
 def test_a_wrong_command_is_found():
     page = (
-        "    soro run a --folder b # --c\n\n```\nsoro hil none\n```\n\n    soro film a \\\n        --ned 3\n"
+        "    soro run a --folder b # --c\n\n```\nsoro hil none\n```\n\n    soro plot a \\\n        --ned 3\n"
     )
     assert [wrong(line) for line in commands(page)] == ["no command none", "", "--ned"]
 

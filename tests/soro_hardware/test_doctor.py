@@ -181,6 +181,23 @@ def test_doctor_without_an_adapter(run, tmp_path):
     assert len(str(bad.exception).splitlines()) == 1
 
 
+def test_the_limits_of_a_scene_count_in_place_of_the_defaults(run, tmp_path):
+    """A platform of up to 60 kPa: the default limits are beyond it, those of the scene are not."""
+    path, scene = platform_file(tmp_path, range={"maximum_pa": 60e3}), tmp_path / "scene.yaml"
+
+    def found(maximum_pa, *options):
+        scene.write_text(f"robot: tue_three_bellow\nlimits: {{maximum_pa: {maximum_pa}}}\n")
+        done = run(path, "--device", tmp_path / "none", "--json", *options)
+        return next(entry for entry in json.loads(done.output) if entry["name"] == "pressure range")
+
+    alone = found(60e3)
+    assert (alone["level"], "the default limits allow 90 kPa" in alone["found"]) == ("warn", True)
+    assert "--scene" in alone["do"]
+    assert found(60e3, "--scene", scene)["level"] == "ok"
+    beyond = found(70e3, "--scene", scene)
+    assert (beyond["level"], "the limits of the scene allow 70 kPa" in beyond["found"]) == ("warn", True)
+
+
 @pytest.mark.process
 def test_two_programs_on_one_adapter(tmp_path):
     """The second one is refused; it would take the adapter off the bus."""

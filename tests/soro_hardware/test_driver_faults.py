@@ -76,7 +76,7 @@ def test_node_that_never_becomes_active():
 
 
 def test_late_answers_to_a_vent_are_no_fall_from_active(arm):
-    """Of a busy host they arrive as if they answered the next cycles: ACTIVE of its first zeros, then HOLD."""
+    """Of a busy host they arrive as if they answered the next cycles: ACTIVE of its zeros, then HOLD."""
     arm.run(20, 50e3)
     arm.driver._bus.drain = int  # does nothing: the answers come just after it
     arm.driver.vent()

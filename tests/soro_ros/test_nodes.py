@@ -47,7 +47,7 @@ from soro_ros.status_words import is_requested
 from soro_ros.topics.diagnostics import ERROR, OK, Diagnostics
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
-from tests.soro_ros.direct import fire, receive, request, values
+from tests.soro_ros.direct import active, fire, receive, request, values
 from tests.soro_ros.running import SORO, end, wait_until
 
 COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
@@ -374,16 +374,20 @@ class Answering:
         pass
 
 
+@contextlib.contextmanager
+def regulating(devices, monkeypatch, *settings):
+    """Give an active regulator node of these devices."""
+    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
+    with active(regulator.RegulatorNode, "device:=x", "autostart:=false", *settings) as node:
+        yield node
+        node.make_safe()
+
+
 @pytest.mark.parametrize("closing", ["fault", "deactivated"])
 def test_a_latch_that_closes_vents_the_regulators(domain, monkeypatch, closing):
     """Zero set points alone are slewed by some, and a node that is not active sends none."""
     devices = Answering()
-    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
-    middleware.init(["--ros-args", "-p", "device:=x", "-p", "autostart:=false"])
-    try:
-        node = regulator.RegulatorNode()
-        node.trigger_configure()
-        node.trigger_activate()
+    with regulating(devices, monkeypatch) as node:
         fire(node, CYCLE_S)
         assert devices.vents == 0
         if closing == "fault":
@@ -393,10 +397,6 @@ def test_a_latch_that_closes_vents_the_regulators(domain, monkeypatch, closing):
             node.trigger_deactivate()
         assert devices.vents == 1
         assert values(node)["cause"].startswith({"fault": "rebooted"}.get(closing, closing))
-        node.make_safe()
-        node.destroy_node()
-    finally:
-        rclpy.shutdown()
 
 
 @pytest.mark.parametrize("closing", ["a latch", "the end"])
@@ -433,12 +433,7 @@ def test_a_fault_of_devices_that_are_vented_on_request_is_a_trip(domain, monkeyp
     """It ends a run, keeps the latch closed while it stands, and the next driver knows of it."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     devices = Answering()
-    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
-    middleware.init(["--ros-args", "-p", "device:=x", "-p", "autostart:=false"])
-    try:
-        node = regulator.RegulatorNode()
-        node.trigger_configure()
-        node.trigger_activate()
+    with regulating(devices, monkeypatch) as node:
         fire(node, CYCLE_S)
         request(node, "~/vent")
         fire(node, CYCLE_S)
@@ -452,23 +447,13 @@ def test_a_fault_of_devices_that_are_vented_on_request_is_a_trip(domain, monkeyp
         monkeypatch.setattr(devices, "configure", lambda: broken_bus(lost))
         answer = request(node, "~/reset")
         assert (answer.success, answer.message) == (False, lost)
-        node.make_safe()
-        node.destroy_node()
-    finally:
-        rclpy.shutdown()
 
 
 def test_a_tick_that_waited_as_the_node_was_deactivated_is_gone_at_the_next_activation(domain, monkeypatch):
     """In lockstep; the devices would else be taken through a cycle of the time before."""
     devices, told_ns = Answering(), []
     monkeypatch.setattr(devices, "exchange", lambda sent, now_ns: told_ns.append(now_ns) or answer(sent))
-    monkeypatch.setattr(regulator, "open_regulator", lambda *_, **__: devices)
-    words = ["device:=x", "autostart:=false", "mode:=lockstep"]
-    middleware.init(["--ros-args", *(part for word in words for part in ("-p", word))])
-    try:
-        node = regulator.RegulatorNode()
-        node.trigger_configure()
-        node.trigger_activate()
+    with regulating(devices, monkeypatch, "mode:=lockstep") as node:
         receive(node, "/clock", Clock())
         receive(node, "/clock", Clock(clock=messages.to_time(10**9)))  # waits for its command
         assert told_ns == [0]
@@ -478,10 +463,6 @@ def test_a_tick_that_waited_as_the_node_was_deactivated_is_gone_at_the_next_acti
         receive(node, "/clock", Clock(clock=messages.to_time(2 * 10**9)))
         receive(node, "chambers/command", command, {"publication_sequence_number": None})
         assert told_ns == [0, 2 * 10**9]
-        node.make_safe()
-        node.destroy_node()
-    finally:
-        rclpy.shutdown()
 
 
 def answer(setpoint_pa):

@@ -21,7 +21,7 @@ from soro_ros.cli import application
 from soro_ros.commands import run
 from soro_ros.conversion import messages
 from soro_ros.pictures import panels
-from soro_ros.pictures.picture import picture
+from soro_ros.pictures.picture import _axes, _tell, picture
 from soro_ros.pictures.run_view import open_run
 from soro_ros.recordings.events import Event, Said, clock, events_of, under_control
 from soro_ros.recordings.recording import RunRecording, TopicSeries
@@ -140,6 +140,18 @@ def test_a_trip_is_marked_at_its_time_in_simulated_time(tripped):
     assert len(marks) == 1
     assert "vented: no command for 0.1 s" in figure.get_supxlabel()
     pyplot.close(figure)
+
+
+@pytest.mark.parametrize("columns", [1, 2])
+def test_a_long_event_is_told_whole_below_the_picture(columns):
+    said = "estimator: " + ", ".join(f"link{k}/pose: NIS 5.0, allowed 3.9" for k in range(12))
+    figure, _ = _axes(1, columns, (6 * columns, 5))
+    _tell(figure, [said] * 10, 75 * columns)
+    figure.draw_without_rendering()
+    assert " ".join(figure.get_supxlabel().split()) == " ".join([said] * 8 + ["and 2 more"])
+    box = figure._supxlabel.get_window_extent()
+    assert box.x1 < figure.bbox.x1
+    assert figure.bbox.y0 <= box.y0 < box.y1 < min(axis.bbox.y0 for axis in figure.axes)
 
 
 def test_no_line_is_drawn_over_a_gap():

@@ -41,16 +41,14 @@ def names() -> tuple[str, ...]:
     return registered.names_of(GROUP, SHIPPED)
 
 
-def named(law: object) -> object:
-    """Return the name by which `find_law` gives a class in this process; anything else as it is.
+def named(law: type) -> str:
+    """Return the name by which `find_law` gives a class in this process.
 
     Raises
     ------
     ValueError
         If the class is no law.
     """
-    if not isinstance(law, type):
-        return law
     if not _is_law(law):
         raise ValueError(f"{_allowed()}, or a class that is a {_ONE}")
     _GIVEN[name := f"{law.__module__}:{law.__qualname__}"] = law

@@ -152,7 +152,18 @@ class PathCoordinates:
 def with_nearest(
     allowed: str, arm: SoftArm, position: Array, q: Array | None
 ) -> tuple[str, tuple[float, ...] | None]:
-    """Return what is allowed with the tip of `q`, the nearest to a position [m], and this tip, if any."""
+    """Return what is allowed with the nearest tip, and this tip.
+
+    Parameters
+    ----------
+    allowed : str
+        What is allowed, without it.
+    arm : SoftArm
+    position : ndarray (3,)
+        To which the tip shall be near [m].
+    q : ndarray (n_q,) or None
+        Coordinates with this tip; None where there are none.
+    """
     if q is None:
         return allowed, None
     nearest = arm.pose(q, arm.length)[:3, 3]

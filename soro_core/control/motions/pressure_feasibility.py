@@ -271,11 +271,6 @@ def nearest_held(
     position : ndarray (3,)
         Of the tip in the world [m].
 
-    Yields
-    ------
-    None
-        After each step.
-
     Returns
     -------
     ndarray (n_q,) or None

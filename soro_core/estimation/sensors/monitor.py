@@ -181,7 +181,8 @@ def _noise_note(sensor: str, monitor: SensorMonitor) -> str:
 
 def _nis_note(sensor: str, monitor: SensorMonitor, config: WatchConfig) -> str:
     allowed = monitor.allowed(config)
-    if monitor.watched <= allowed:
+    # As they are printed: a warning of 3.9 where 3.9 is allowed would be none.
+    if round(monitor.watched, 1) <= round(allowed, 1):
         return ""
     key = "imu" if math.isnan(monitor.position_nis) else "pose"
     return (

@@ -99,13 +99,32 @@ class LawTrials:
     most: int
 
     def one(self, laws: Laws, start: Mapping[str, float], in_full: bool, progress: Progress) -> Trial | None:
-        """Return a set of laws fitted from given values; None where no such arm can be simulated."""
+        """Return a set of laws, fitted and judged; None where no such arm can be simulated.
+
+        Parameters
+        ----------
+        laws : tuple of LawTerm
+        start : mapping of str to float
+            Values where the search begins.
+        in_full : bool
+            Whether by more than a few steps.
+        progress : callable
+            Called with the name of the laws and the least cost so far.
+        """
         return self._tried(laws, start, in_full, partial(progress, _name(laws)))
 
     def several(
         self, sets: Sequence[Laws], start: Mapping[str, float], progress: Progress
     ) -> Iterator[Trial | None]:
         """Yield sets of laws, each fitted by a few steps as one job.
+
+        Parameters
+        ----------
+        sets : sequence of tuple of LawTerm
+        start : mapping of str to float
+            Values where each search begins.
+        progress : callable
+            As of `one`; with several jobs at a time called at the end of each.
 
         Raises
         ------

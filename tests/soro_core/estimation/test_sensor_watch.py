@@ -1,5 +1,7 @@
 """What the watch over the sensors finds and names: their noise, and a residual that grows."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -8,7 +10,7 @@ from soro_core.config import parse
 from soro_core.control import ControllerConfig
 from soro_core.errors import ConfigError
 from soro_core.estimation import EstimatorConfig
-from soro_core.estimation.sensors.monitor import Innovation, monitored
+from soro_core.estimation.sensors.monitor import Innovation, SensorMonitor, monitored, note_of
 from soro_core.estimation.sensors.samples import pose_sensor
 from soro_core.estimation.sensors.watch_config import WatchConfig
 from soro_core.loop import Loop
@@ -61,6 +63,18 @@ def test_a_pose_that_a_coarse_sensor_repeats_says_nothing_of_its_noise():
     run.ticks(600, rounding_m=3e-4)
     monitor = run.state.monitors[SENSOR]
     assert monitor.noise > 0.5
+
+
+def test_a_residual_at_its_bound_is_not_named():
+    """A warning of as much as is allowed, as it is printed, would say nothing."""
+    at = SensorMonitor(0.0, 3.0, 1.0, squares=0.01)
+    allowed = at.allowed(CONFIG)
+    for factor, is_named in ((0.999, False), (1.0001, False), (1.1, True)):
+        monitors = {SENSOR: at._replace(position_nis=factor * allowed)}
+        note = note_of(monitors, 0.1, 1.0, CONFIG)
+        assert bool(note) == is_named
+        said = re.findall(r"\d+\.\d", note.removeprefix(SENSOR))
+        assert len(said) == len(set(said))
 
 
 def test_outliers_are_no_noise():

@@ -85,7 +85,7 @@ def test_a_quicker_circle(robot):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("payload", "ticks"), [(0.0, 20), (0.02, 4), (0.02, 20)])
+@pytest.mark.parametrize(("payload", "ticks"), [(0.02, 4), (0.02, 20)])
 def test_delay_beyond_the_known_one(robot, payload, ticks):
     """20 and 100 ms on top: the tip is late by as much, and nothing oscillates."""
     record = run(robot, Setup(payload_kg=payload, command_delay=ticks, duration_s=14.0))
@@ -99,7 +99,7 @@ def test_delay_beyond_the_known_one(robot, payload, ticks):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
-    [{"stiffness": 0.9}, {"stiffness": 1.2}, {"gain": 0.95}, {"gain": 1.05}, {"damping": 0.5}],
+    [{"stiffness": 0.9, "gain": 1.05}, {"stiffness": 1.2}, {"gain": 0.95}, {"damping": 0.5}],
     ids=str,
 )
 def test_a_plant_that_differs_from_the_file(robot, changes):

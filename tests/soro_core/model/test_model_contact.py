@@ -13,6 +13,7 @@ from soro_core.model.method import factor_system, inverse_dynamics, solve_system
 from soro_core.model.records import Motion, TangentFactors
 from soro_core.model.tables import CONTACT
 from tests.refused import fails
+from tests.small_links import LAW
 
 LOSSY = {"damping": 0.5, "friction": 0.6, "slip_velocity": 0.05}
 
@@ -292,9 +293,8 @@ BAD = [
 
 @pytest.mark.parametrize(("contacts", "key", "allowed"), BAD)
 def test_bad_obstacles(contacts, key, allowed):
-    link = {"length": 0.1, "radius": 0.01, "mass": 0.1, "k_e": [300.0, 100.0, 20.0], "k_b": [0.02, 0.01, 0.5]}
     with pytest.raises(ConfigError) as caught:
-        robot_from_dict({"links": [link], "contacts": contacts})
+        robot_from_dict({"links": [LAW], "contacts": contacts})
     assert caught.value.key == key
     assert allowed in caught.value.allowed
 

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -158,13 +159,29 @@ def test_compiling_is_told_once_and_finding_in_the_cache_is_not(tmp_path):
         )
         return done.stderr.strip().splitlines()
 
-    line = f"soro: compiling the model's kernels (a minute or two for all of them, cached in {tmp_path}"
+    line = f"soro: compiling the model's kernels, once (a minute or two for all of them, cached in {tmp_path}"
     (told,) = said(False, tmp_path)
     assert told.startswith(line)
     assert said(False, tmp_path) == []
     # What a child has compiled, which leaves the word to its parent, is not compiled again.
     (told,) = said(True, tmp_path / "other")
     assert told.startswith(line)
+
+
+@pytest.mark.process
+def test_compiling_says_how_far_it_is(tmp_path):
+    """Here after each function, else every 10 s; not of what is in the cache."""
+    script = tmp_path / "script.py"
+    quick = "from soro_core import _jit\n_jit.PROGRESS_S = 0.0\n"
+    script.write_text(quick + COMPILE.replace("FIRST", "False"))
+    environment = {**os.environ, "XDG_CACHE_HOME": str(tmp_path), "PYTHONPATH": str(PACKAGE.parent)}
+    run = partial(subprocess.run, [sys.executable, str(script)], capture_output=True, text=True, check=True)
+    first, *others = run(env=environment).stderr.strip().splitlines()
+    assert first.startswith("soro: compiling the model's kernels, once")
+    told = [re.fullmatch(r"soro: compiling: (\d+) functions done, of at most (\d+)", line) for line in others]
+    assert told
+    assert all(1 <= int(one[1]) <= int(one[2]) for one in told)
+    assert run(env=environment).stderr == ""
 
 
 PARTS = """

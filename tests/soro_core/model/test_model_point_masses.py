@@ -7,6 +7,7 @@ from outside_arms import CASES, arm_of, gradient, state_of
 from soro_core import SoftArm, robot_from_dict, simulate
 from soro_core.errors import ConfigError, ModelError
 from tests.refused import fails
+from tests.small_links import LAW
 
 MASSES = ((0.037, 0.2), (0.1, 0.05), (0.0371, 0.1))  # the second at the end of the first link
 
@@ -115,9 +116,8 @@ def test_parts_of_a_refined_link_carry_the_same():
     ],
 )
 def test_bad_point_masses(point, key, allowed):
-    link = {"length": 0.1, "radius": 0.01, "mass": 0.1, "k_e": [300.0, 100.0, 20.0], "k_b": [0.02, 0.01, 0.5]}
     with pytest.raises(ConfigError) as caught:
-        robot_from_dict({"links": [link], "point_masses": [point]})
+        robot_from_dict({"links": [LAW], "point_masses": [point]})
     assert caught.value.key == key
     assert allowed in caught.value.allowed
 

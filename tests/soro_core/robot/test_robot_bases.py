@@ -22,11 +22,11 @@ from soro_core.robot import (
     strain_rows,
 )
 from tests.refused import refused
+from tests.small_links import LAW
 
 LENGTH, RADIUS = 0.2, 0.015
 MATERIAL = {"youngs_modulus": 5e5, "shear_modulus": 1.6e5, "viscosity": 300.0, "shear_factor": 0.9}
 LINK = {"length": LENGTH, "radius": RADIUS, "mass": 0.15, "material": MATERIAL}
-LAW = {"length": 0.1, "radius": 0.02, "mass": 0.05, "k_e": [300, 100, 20], "k_b": [0.02, 0.01, 0.5]}
 AT = np.linspace(0.0, 1.0, 21)
 MODES = np.stack([np.exp(AT), np.sin(3 * AT), AT**2], axis=1)
 POD = {"basis": "pod", "samples": MODES.tolist(), "modes": 2}

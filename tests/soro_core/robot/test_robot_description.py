@@ -8,14 +8,7 @@ import pytest
 from soro_core import SoftArm, simulate
 from soro_core.robot import load_robot, robot_from_dict
 from tests.refused import refused
-
-ROD = {
-    "length": 0.2,
-    "radius": 0.015,
-    "density": 1100.0,
-    "material": {"youngs_modulus": 5e5, "shear_modulus": 5e5 / 3, "viscosity": 300.0},
-}
-PLAIN = {"length": 0.1, "radius": 0.02, "mass": 0.05, "k_e": [300, 0, 0], "k_b": [0.02, 0, 0]}
+from tests.small_links import PLAIN, ROD
 
 
 @pytest.mark.parametrize("name", ["six_link", "silicone_rod", "asu_two_segment", "srl_one_segment"])

@@ -10,14 +10,9 @@ from soro_core.robot import Discretisation, bases, with_basis
 from soro_core.robot.bases import Polynomial
 from soro_core.robot.coordinates import strain_fields
 from tests.refused import refused
+from tests.small_links import ROD
 
 DEGREE = 3
-LINK = {
-    "length": 0.2,
-    "radius": 0.015,
-    "density": 1100.0,
-    "material": {"youngs_modulus": 5e5, "shear_modulus": 1.6e5, "viscosity": 300.0},
-}
 
 
 class Bernstein(Polynomial):
@@ -40,7 +35,7 @@ def registered(monkeypatch):
 
 def rod(basis):
     strains = {name: {"basis": basis, "order": DEGREE} for name in ("bending_x", "elongation")}
-    return robot_from_dict({"links": [{**LINK, "strains": strains}]})
+    return robot_from_dict({"links": [{**ROD, "strains": strains}]})
 
 
 def test_dynamics_are_those_of_the_same_space(registered):
@@ -67,9 +62,9 @@ def test_names_sizes_and_uniform_strains(registered):
 
 def test_links_are_split_and_expanded(registered):
     assert rod("bernstein").refine(2).n_q == 16
-    plain = robot_from_dict({"links": [LINK]})
+    plain = robot_from_dict({"links": [ROD]})
     assert Discretisation(basis="bernstein", order=2).discretise(plain).n_q == 9
-    lossy = robot_from_dict({"links": [{**LINK, "damping": [0.1, 0.1, 0.1]}]})
+    lossy = robot_from_dict({"links": [{**ROD, "damping": [0.1, 0.1, 0.1]}]})
     with refused("links[0].damping", names=("legendre", "bernstein")):
         Discretisation(basis="bernstein", order=2).discretise(lossy)
 

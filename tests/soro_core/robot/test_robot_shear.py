@@ -5,14 +5,7 @@ import pytest
 from scipy.linalg import eigh
 
 from soro_core.robot import link_stiffness, robot_from_dict, shear_factors, strain_rows
-
-ROD = {
-    "length": 0.2,
-    "radius": 0.015,
-    "density": 1100.0,
-    "material": {"youngs_modulus": 5e5, "shear_modulus": 5e5 / 3, "viscosity": 300.0},
-}
-PLAIN = {"length": 0.1, "radius": 0.02, "mass": 0.05, "k_e": [300, 0, 0], "k_b": [0.02, 0, 0]}
+from tests.small_links import PLAIN, ROD
 
 
 def test_shear_correction_of_the_rod():

@@ -54,5 +54,5 @@ def test_no_other_copy_skips_the_checks():
 def test_a_scene_without_valves_is_stated_by_a_key_without_a_value(given, tmp_path):
     assert load_scene("track_circle", given_keys(given)).platform == ""
     file = tmp_path / "mine.yaml"
-    file.write_text("robot: tue_three_bellow\ndescription:\nplatform:\n")
-    assert load_scene(str(file)).platform == ""
+    file.write_text("robot: tue_three_bellow\nname:\ndescription:\nplatform:\n")
+    assert (load_scene(str(file)).platform, load_scene(str(file)).name) == ("", "mine")

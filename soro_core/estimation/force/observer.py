@@ -1,0 +1,253 @@
+"""The external force from tick to tick: samples behind a low-pass, balance, covariance and stage."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from soro_core.adaptation.config import mass_prior
+from soro_core.adaptation.external_force import ExternalForce
+from soro_core.adaptation.force import LearnedForce
+from soro_core.adaptation.learned import Learned
+from soro_core.arrays import Array
+from soro_core.errors import ConfigError, ModelError
+from soro_core.estimation.force.config import ForceConfig
+from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
+from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
+from soro_core.estimation.force.tip_balance import Measured, TipBalance, TipBalancer
+from soro_core.estimation.learned_input import LearnedInput
+from soro_core.model import SoftArm
+
+# Pieces of an arm of few links; the time of a balance grows with the cube of their number.
+_MOST_PIECES = 8
+
+
+class Seen(NamedTuple):
+    """One position of a place of the arm, and what the arm did then.
+
+    Attributes
+    ----------
+    stamp_s : float
+        When [s].
+    position : ndarray (3,)
+        [m].
+    pressure_pa : ndarray (n_u,)
+        Measured pressures [Pa gauge].
+    q, qd : ndarray (n_q,)
+        Estimated coordinates and rates.
+    internal : ndarray (n_internal,)
+        Creep and hysteresis states.
+    """
+
+    stamp_s: float
+    position: Array
+    pressure_pa: Array
+    q: Array
+    qd: Array
+    internal: Array
+
+
+class ForceState(NamedTuple):
+    """What is kept between two estimates.
+
+    Attributes
+    ----------
+    due_s : float
+        When the next estimate is due [s].
+    last : Seen or None
+        The newest position that is used; None before the first.
+    passed_s : float
+        Time since the low-pass began [s].
+    interval_s : float
+        Mean time between two positions [s].
+    measured : Measured or None
+        All behind the low-pass; None before the first position.
+    q : ndarray (n_q,) or None
+        Estimated coordinates behind it.
+    balance : TipBalance or None
+    force_n : ndarray (3,) or None
+        Its force behind a slower low-pass [N].
+    stage : StageState
+    held : TipHold or None
+        What holds the arm from outside, for the filter; None while it is free.
+    external : ExternalForce or None
+        The estimate; None before the first.
+    """
+
+    due_s: float = -math.inf
+    last: Seen | None = None
+    passed_s: float = 0.0
+    interval_s: float = 0.0
+    measured: Measured | None = None
+    q: Array | None = None
+    balance: TipBalance | None = None
+    force_n: Array | None = None
+    stage: StageState = StageState()
+    held: TipHold | None = None
+    external: ExternalForce | None = None
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Deviations of what is measured: of a position [m] and of a pressure [Pa]."""
+
+    position_m: float
+    pressure_pa: float
+
+
+class ForceObserver:
+    """Estimates the external force on one arm.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Discretised model.
+    config : ForceConfig
+    links : int
+        Number of pieces into which the model divides each link.
+    noise : Noise
+
+    Raises
+    ------
+    ConfigError, ModelError
+        If the arm has no such balance, see `TipBalancer`.
+    """
+
+    def __init__(self, arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> None:
+        self.arm, self.config, self.noise = arm, config, noise
+        self._pieces = max(1, min(config.pieces, _MOST_PIECES // len(arm.robot.links)))
+        self.balancer = TipBalancer(arm, links, self._pieces)
+        self.force = LearnedForce(arm, links)
+        self._nothing = np.zeros(self.force.size)
+
+    def step(
+        self, state: ForceState, seen: Sequence[Seen], s: float, known: LearnedInput, now_s: float
+    ) -> ForceState:
+        """Return the state with the estimate from new positions of one place.
+
+        Parameters
+        ----------
+        state : ForceState
+        seen : sequence of Seen
+            In the order of their stamps, after the last ones.
+        s : float
+            The place, along the whole arm [m].
+        known : LearnedInput
+            What a law has learned.
+        now_s : float
+            Time of the tick [s].
+        """
+        state = state._replace(due_s=now_s + self.config.period_s)
+        if not seen:
+            return state
+        start_s = state.passed_s
+        for one in seen:
+            state = self._passed(state, one)
+        assert state.measured is not None
+        assert state.q is not None
+        theta, learned = self._nothing, known.learned
+        if learned is not None:
+            theta = known.share * (learned.theta if learned.own is None else learned.own)
+        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), state.measured.qd)
+        measured = state.measured._replace(force=state.measured.force + losses)
+        balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
+        if balance is None:
+            return ForceState(due_s=state.due_s)
+        dt, config = state.passed_s - start_s, self.config
+        part = max(-math.expm1(-config.low_pass_per_s * dt), dt / (state.passed_s + dt) if dt > 0.0 else 1.0)
+        slow = balance.force_n if state.force_n is None else state.force_n
+        slow = slow + part * (balance.force_n - slow)
+        noise, doubt = self._noise(balance), self._doubt(balance, measured, learned)
+        fast_part, slow_part = (
+            self._part(state, rate) for rate in (config.fast_per_s, config.low_pass_per_s)
+        )
+        covariance = slow_part * noise + doubt
+        told = ForceSeen(
+            (balance.force_n, fast_part * noise + doubt),
+            (slow, covariance),
+            self.balancer.fine.tables.gravity,
+            self.arm.robot.tip_mass + float(theta[0]),
+            float(np.linalg.norm(self.arm.jacobian(seen[-1].q, s)[3:] @ measured.qdd)),
+        )
+        stage = next_stage(state.stage, told, dt)
+        held = None
+        if stage.stage != "free" and learned is not None:
+            place = HeldPlace(measured.position, s, state.q, measured.pressure_pa, seen[-1].internal, slow)
+            with contextlib.suppress(
+                ModelError, np.linalg.LinAlgError
+            ):  # no coordinates have the place there
+                held = hold(self.force, state.held, place, learned, part, dt)
+        external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.stage != "contact")
+        return state._replace(balance=balance, force_n=slow, stage=stage, held=held, external=external)
+
+    def _passed(self, state: ForceState, one: Seen) -> ForceState:
+        """Return the state with one more position behind the low-pass."""
+        before, arm = state.last, self.arm
+        dt = one.stamp_s - before.stamp_s if before is not None else 0.0
+        qdd = np.zeros(arm.n_q) if before is None else (one.qd - before.qd) / dt
+        force = arm.damping_force(one.q, one.qd) + arm.internal_force(one.q, one.internal)
+        new = Measured(one.position, one.pressure_pa, one.qd, qdd, force)
+        passed_s = state.passed_s + dt
+        q = one.q
+        if state.measured is not None and state.q is not None and dt > 0.0:
+            # At first a mean: the first position alone would count for the time of the low-pass.
+            part = max(-math.expm1(-self.config.fast_per_s * dt), dt / (passed_s + dt))
+            q = state.q + part * (one.q - state.q)
+            new = Measured(*(old + part * (x - old) for old, x in zip(state.measured, new, strict=True)))
+        interval_s = state.interval_s + 0.1 * (dt - state.interval_s) if state.interval_s else dt
+        return state._replace(last=one, passed_s=passed_s, interval_s=interval_s, measured=new, q=q)
+
+    def _part(self, state: ForceState, rate: float) -> float:
+        """Return how much of the variance of one position a low-pass of this rate [rad/s] leaves."""
+        dt = state.interval_s
+        return max(0.5 * rate * dt, dt / (state.passed_s + dt)) if dt > 0.0 else 1.0
+
+    def _noise(self, balance: TipBalance) -> Array:
+        """Return the covariance (3, 3) by the noise of one position and one set of pressures [N^2]."""
+        position = self.noise.position_m * balance.by_position
+        pressure = self.noise.pressure_pa * balance.by_pressure
+        return np.asarray(position @ position.T + pressure @ pressure.T)
+
+    def _doubt(self, balance: TipBalance, measured: Measured, learned: Learned | None) -> Array:
+        """Return the covariance (3, 3) by what is not known of the arm [N^2]."""
+        config, arm = self.config, self.arm
+        single = config.model_std_pa * balance.by_pressure
+        doubt = None if learned is None else learned.doubt
+        # Free motion teaches the gains against the stiffness: an error of their scale is one of F alone.
+        gain = balance.force_n
+        if doubt is None or doubt.shape != (arm.n_q, arm.n_q):
+            gain = balance.by_pressure @ arm.acting_pressure(measured.pressure_pa)
+            q, scales = balance.x @ self.balancer.spread / self._pieces, self.force.scales
+            load = mass_prior(arm)[0] * arm.tip_mass_force(q, measured.qd, measured.qdd)
+            elastic = config.stiffness_std * scales.stiffness * scales.force * q
+            doubt = np.diag(elastic**2) + np.outer(load, load)
+        found = (
+            config.gain_std**2 * np.outer(gain, gain)
+            + single @ single.T
+            + balance.by_force @ doubt @ balance.by_force.T
+        )
+        return np.asarray(0.5 * (found + found.T))
+
+
+def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:
+    """Return what estimates the force on an arm; None where it is switched off, or the arm has no balance.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    config : ForceConfig
+    links : int
+        As in `ForceObserver`.
+    noise : Noise
+    """
+    if not config.enabled:
+        return None
+    try:
+        return ForceObserver(arm, config, links, noise)
+    except (ConfigError, ModelError):
+        return None

@@ -230,8 +230,9 @@ class Controller(GivenReferences):
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
         point = reference_ahead(self.bounds, following, 0.0)
-        outside_n = None if certainty is None or getattr(certainty, "external", None) is None else certainty.external.force_n
-        force = self.force_loop.step(state.force, following.wanted, point, q, qd, outside_n, dt)
+        external = None if certainty is None else certainty.external
+        felt_n = None if external is None else external.force_n
+        force = self.force_loop.step(state.force, following.wanted, point, q, qd, felt_n, dt)
 
         def later(time_s: float) -> Point:
             return self.force_loop.moved_point(
@@ -254,7 +255,7 @@ class Controller(GivenReferences):
             creep=state.creep,
             pressure_pa=measured,
             saturated=state.saturated,
-            external=None if certainty is None else certainty.external,
+            external=external,
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:
@@ -276,6 +277,7 @@ class Controller(GivenReferences):
         inner = self.law.allocated(inner, Made(desired, wish.force, actuation, acting, saturated), dt)
         missing = self.setpoints.missing_pa(believed, desired, wish) if saturated else self._nothing
         asked = AskedForce(terms, believed @ bias, missing)
+        force = self.force_loop.relieved(force, missing, dt)
         limit_cycle = self.limit_cycles.step(state.limit_cycle, asked, point.q, belief, dt)
         tip_reference = self.arm.pose(point.q, self.arm.length)
         after = replaced(

@@ -23,6 +23,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.control.force.force_config import ForceControlConfig
 from soro_core.control.force.press import Press
+from soro_core.control.force.tip_stiffness import TipStiffness
 from soro_core.control.reference.trajectory import Point, Reference
 from soro_core.frozen import replaced
 from soro_core.model import SoftArm
@@ -34,12 +35,11 @@ _TOUCH, _MOST_TOUCH_N, _LEAVES = 0.3, 0.015, 0.3
 # Part of the cap from which on the force is bounded.
 _NEAR = 0.5
 # Time constants [s]: of the tracked tip; of the push towards its goal; of the answer of arm and estimate.
-_TRACK_S, _PUSH_S, _ANSWER_S = 0.05, 0.12, 0.2
+_TRACK_S, _PUSH_S, _ANSWER_S = 0.3, 0.12, 0.2
+# Rate at which a pressure beyond its range moves the tip so that it is not [1/s].
+_RELIEF_PER_S = 3.0
 # Largest part of the goal that the integral adds.
 _MOST_ADDED = 0.5
-# Increment of strain for the difference quotient of the stiffness.
-_STEP = 1e-6
-
 Phase = Literal["", "approach", "contact", "stopped"]
 
 
@@ -63,6 +63,10 @@ class ForceLoopState:
         The same in coordinates.
     toward : ndarray (3,)
         Direction of the push.
+    by_common : ndarray (3, n_links)
+        How far a common pressure of each link moves the tip [m/Pa].
+    scale : float
+        What makes of a push at the tip of uniform links the same of ones that it bends unevenly.
     wanted_n, answer_n, added_n : float
         f, f as the estimate is to show it, and z [N].
     force_n : ndarray (3,) or None
@@ -79,6 +83,8 @@ class ForceLoopState:
     shift: Array
     shift_rate: Array
     toward: Array
+    by_common: Array
+    scale: float = 1.0
     wanted_n: float = 0.0
     answer_n: float = 0.0
     added_n: float = 0.0
@@ -86,8 +92,8 @@ class ForceLoopState:
 
     @property
     def push_n(self) -> Array:
-        """Force that is added at the tip, (3,) [N]."""
-        return np.asarray((self.wanted_n + self.added_n) * self.toward)
+        """Force that is added at the tip of uniform links, (3,) [N]."""
+        return np.asarray(self.scale * (self.wanted_n + self.added_n) * self.toward)
 
     @property
     def note(self) -> str:
@@ -115,13 +121,14 @@ class ForceLoop:
         self, arm: SoftArm, fields: StrainFields, k_p: Array, limit: Array, config: ForceControlConfig
     ) -> None:
         self.arm, self.fields, self.k_p, self.limit, self.config = arm, fields, k_p, limit, config
+        self.stiffness = TipStiffness(arm)
         # A short step of strains, as inverse kinematics weighs them.
         self._inverse_weight = limit[:, None] * np.linalg.inv(fields.weight) * limit
 
     def initial_state(self) -> ForceLoopState:
         """Return the state before the first tick."""
         zero, none = np.zeros(3), np.zeros(self.arm.n_q)
-        return ForceLoopState(None, "", 0.0, None, zero, zero, zero, none, none, zero)
+        return ForceLoopState(None, "", 0.0, None, zero, zero, zero, none, none, zero, np.zeros((3, 0)))
 
     def step(
         self,
@@ -181,17 +188,6 @@ class ForceLoop:
         _, _, slope = self._tip(q, q)
         return np.asarray(slope.T @ state.push_n)
 
-    def tip_compliance(self, q: Array) -> Array:
-        """Return how far a force moves the tip under feedback, its reference at rest in `q`: (3, 3) [m/N]."""
-        arm = self.arm
-
-        def force(at: Array) -> Array:
-            return np.asarray(arm.gravity_force(at) + arm.elastic_force(at))
-
-        slopes = [(force(q + e) - force(q - e)) / (2.0 * _STEP) for e in _STEP * np.eye(q.size)]
-        _, _, slope = self._tip(q, q)
-        return np.asarray(slope @ np.linalg.solve(np.stack(slopes, axis=1) + self.k_p, slope.T))
-
     def _pressed(self, state: ForceLoopState, press: Press, tip: Array, dt: float) -> ForceLoopState:
         """Return the state with the reference of a press moved."""
         config, direction = self.config, press.direction
@@ -204,8 +200,8 @@ class ForceLoop:
         back = _fade(across, config.approach_speed_m_s, dt)
         if pressed > (_LEAVES * touch if state.phase == "contact" else touch):
             if state.phase != "contact":
-                state = replaced(state, phase="contact", wanted_n=pressed, answer_n=pressed, added_n=0.0)
-            return self._in_contact(state, direction, goal, pressed, tip, back, dt)
+                state = self._touched(state, press.q, direction, pressed)
+            return self._in_contact(state, direction, goal, pressed, tip, np.zeros(3), dt)
         approach_s = state.approach_s + dt if state.phase == "approach" else 0.0
         state = self._released(replaced(state, phase="approach", approach_s=approach_s), dt)
         if approach_s > config.approach_s:
@@ -225,13 +221,47 @@ class ForceLoop:
             into = float(toward @ (tip - state.tip))
             if into > 0.0 and force > _NEAR * cap * (_LEAVES if state.phase == "contact" else 1.0):
                 if state.phase != "contact":
-                    state = replaced(state, phase="contact", wanted_n=force, answer_n=force, added_n=0.0)
-                goal = min(into / float(toward @ self.tip_compliance(q) @ toward), cap)
+                    state = self._touched(state, q, toward, force)
+                goal = min(into / self.stiffness.compliance(q, toward, self.k_p), cap)
                 across = state.moved - (toward @ state.moved) * toward
                 back = _fade(across, self.config.follow_speed_m_s, dt)
                 return self._in_contact(state, toward, goal, force, tip, back, dt, speed)
         state = self._released(replaced(state, phase=""), dt)
         return replaced(state, rate=back, moved=state.moved + dt * back)
+
+    def _touched(self, state: ForceLoopState, q: Array, toward: Array, force: float) -> ForceLoopState:
+        """Return the state at the begin of a contact, with the force of now."""
+        return replaced(
+            state,
+            phase="contact",
+            wanted_n=force,
+            answer_n=force,
+            added_n=0.0,
+            scale=self.stiffness.unevenness(q, toward),
+            by_common=self.stiffness.by_common_pressure(q),
+        )
+
+    def relieved(self, state: ForceLoopState, missing_pa: Array, dt: float) -> ForceLoopState:
+        """Return the state with the tip moved where a push needs pressures beyond one end of their range.
+
+        A link whose chambers all get more, or less, pressure becomes longer or shorter, and pushes as before:
+        force has priority over the position across it.
+
+        Parameters
+        ----------
+        state : ForceLoopState
+        missing_pa : ndarray (n_u,)
+            Pressure beyond its bound that the desired force needs of each chamber, negative below [Pa].
+        dt : float
+            Time since the last tick [s].
+        """
+        if state.phase != "contact" or not missing_pa.any():
+            return state
+        common = np.zeros(state.by_common.shape[1])
+        for link, of_link in enumerate(self.stiffness.chambers):
+            low, high = float(np.min(missing_pa[of_link])), float(np.max(missing_pa[of_link]))
+            common[link] = -low if high <= 0.0 else -high if low >= 0.0 else 0.0
+        return replaced(state, moved=state.moved + dt * _RELIEF_PER_S * (state.by_common @ common))
 
     def _in_contact(
         self,

@@ -1,0 +1,87 @@
+"""Stiffness of the tip of an arm, from the model at rest."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from soro_core.arrays import Array
+from soro_core.model import SoftArm
+
+# Pieces of a link that a force at the tip bends unevenly, as in the estimate of the force.
+_PIECES = 4
+# Increment of strain for difference quotients.
+_STEP = 1e-6
+
+
+class TipStiffness:
+    """Stiffness of the tip of one arm; chambers at constant pressure add nothing.
+
+    Attributes
+    ----------
+    chambers : list of slice
+        Chambers of each link.
+    """
+
+    def __init__(self, arm: SoftArm) -> None:
+        self.arm = arm
+        self.fine = SoftArm(arm.robot.replace(contacts=None, tip_constraint=None).refine(_PIECES))
+        ends = np.cumsum([0, *(len(link.chambers) for link in arm.robot.links)]).tolist()
+        self.chambers = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b > a]
+
+    def compliance(self, q: Array, toward: Array, k_p: Array) -> float:
+        """Return how far a force moves the tip along itself, with feedback [m/N].
+
+        Parameters
+        ----------
+        q : ndarray (n_q,)
+            Coordinates of the reference.
+        toward : ndarray (3,)
+            Direction of the force.
+        k_p : ndarray (n_q, n_q)
+            Feedback.
+        """
+        slope = toward @ _slope(self.arm, q)
+        return float(slope @ np.linalg.solve(_stiffness(self.arm, q) + k_p, slope))
+
+    def unevenness(self, q: Array, toward: Array) -> float:
+        """Return the compliance of links that a force at the tip bends unevenly, over that of uniform ones.
+
+        Parameters
+        ----------
+        q : ndarray (n_q,)
+        toward : ndarray (3,)
+            Direction of the force.
+        """
+        x = self._fine(q)
+        fine, uniform = toward @ _slope(self.fine, x), toward @ _slope(self.arm, q)
+        uneven = fine @ np.linalg.solve(_stiffness(self.fine, x), fine)
+        return float(uneven / (uniform @ np.linalg.solve(_stiffness(self.arm, q), uniform)))
+
+    def by_common_pressure(self, q: Array) -> Array:
+        """Return how far a common pressure of each link with chambers moves the tip (3, n) [m/Pa]."""
+        actuation = self.arm.actuation_matrix(q)
+        common = np.stack([actuation[:, one].sum(axis=1) for one in self.chambers], axis=1)
+        return np.asarray(_slope(self.arm, q) @ np.linalg.solve(_stiffness(self.arm, q), common))
+
+    def _fine(self, q: Array) -> Array:
+        parts, first = [], 0
+        for link in self.arm.robot.links:
+            parts.append(np.tile(q[first : first + link.n_q], _PIECES))
+            first += link.n_q
+        return np.concatenate(parts)
+
+
+def _slope(arm: SoftArm, q: Array) -> Array:
+    """Return the derivative (3, n_q) of the tip's position in the world."""
+    pose, jacobian = arm.pose_and_jacobian(q, arm.length)
+    return np.asarray(pose[:3, :3] @ jacobian[3:])
+
+
+def _stiffness(arm: SoftArm, q: Array) -> Array:
+    """Return the derivative (n_q, n_q) of gravity and elastic force."""
+
+    def force(at: Array) -> Array:
+        return np.asarray(arm.gravity_force(at) + arm.elastic_force(at))
+
+    steps = _STEP * np.eye(q.size)
+    return np.stack([(force(q + e) - force(q - e)) / (2.0 * _STEP) for e in steps], axis=1)

@@ -69,8 +69,8 @@ class ForceLoopState:
         What makes of a push at the tip of uniform links the same of ones that it bends unevenly.
     wanted_n, answer_n, added_n : float
         f, f as the estimate is to show it, and z [N].
-    force_n : ndarray (3,) or None
-        Estimated force on the arm, less what counts as none [N]; None where it is not estimated.
+    felt_n : ndarray (3,) or None
+        Estimated force on the arm [N]; None where it is not estimated.
     """
 
     press: Press | None
@@ -88,7 +88,7 @@ class ForceLoopState:
     wanted_n: float = 0.0
     answer_n: float = 0.0
     added_n: float = 0.0
-    force_n: Array | None = None
+    felt_n: Array | None = None
 
     @property
     def push_n(self) -> Array:
@@ -137,7 +137,7 @@ class ForceLoop:
         point: Point,
         q: Array,
         qd: Array,
-        force_n: Array | None,
+        felt_n: Array | None,
         dt: float,
     ) -> ForceLoopState:
         """Return the state after a tick.
@@ -151,11 +151,12 @@ class ForceLoop:
             The reference in force, not moved.
         q, qd : ndarray (n_q,)
             Estimated coordinates and rates.
-        force_n : ndarray (3,) or None
+        felt_n : ndarray (3,) or None
             Estimated force on the arm at the tip, in the world [N]; None where it is not estimated.
         dt : float
             Time since the last tick [s].
         """
+        state = replaced(state, felt_n=felt_n)
         press = wanted if isinstance(wanted, Press) else None
         if press is not state.press:
             keeps = press is not None and state.phase == "contact"
@@ -164,9 +165,6 @@ class ForceLoop:
         if press is None and not self.config.cap_n and not (state.moved.any() or state.wanted_n):
             return state
         state = self._tracked(state, q, qd, dt)
-        if force_n is not None and press is not None:
-            force_n = force_n - press.zero_n
-        state = replaced(state, force_n=force_n)
         tip, speed, _ = self._tip(point.q, point.qd)
         if press is None:
             state = self._bounded(state, point.q, tip, speed, dt)
@@ -191,10 +189,10 @@ class ForceLoop:
     def _pressed(self, state: ForceLoopState, press: Press, tip: Array, dt: float) -> ForceLoopState:
         """Return the state with the reference of a press moved."""
         config, direction = self.config, press.direction
-        if state.force_n is None or state.phase == "stopped":
+        if state.felt_n is None or state.phase == "stopped":
             return self._released(replaced(state, rate=np.zeros(3)), dt)
         goal = min(press.force_n, config.cap_n or np.inf)
-        pressed = -float(direction @ state.force_n)
+        pressed = press.pressed_n(state.felt_n)
         touch = min(_TOUCH * goal, _MOST_TOUCH_N)
         across = state.moved - (direction @ state.moved) * direction
         back = _fade(across, config.approach_speed_m_s, dt)
@@ -214,10 +212,10 @@ class ForceLoop:
     ) -> ForceLoopState:
         """Return the state under the cap, for a reference with the tip there at that speed."""
         cap = self.config.cap_n
-        force = 0.0 if state.force_n is None else float(np.linalg.norm(state.force_n))
+        force = 0.0 if state.felt_n is None else float(np.linalg.norm(state.felt_n))
         back = _fade(state.moved, self.config.follow_speed_m_s, dt)
-        if cap and state.force_n is not None and state.tip is not None:
-            toward = -state.force_n / max(force, 1e-9)
+        if cap and state.felt_n is not None and state.tip is not None:
+            toward = -state.felt_n / max(force, 1e-9)
             into = float(toward @ (tip - state.tip))
             if into > 0.0 and force > _NEAR * cap * (_LEAVES if state.phase == "contact" else 1.0):
                 if state.phase != "contact":

@@ -41,6 +41,10 @@ class Press(Reference):
         """Return where it begins, at rest."""
         return Hold(self.q).sample(t)
 
+    def pressed_n(self, felt_n: Array) -> float:
+        """Return the force along the direction [N] with an estimated force (3,) on the arm."""
+        return float(self.direction @ (self.zero_n - felt_n))
+
     def is_repeated_by(self, other: Reference, t: float) -> bool:
         """Whether `other` presses alike from the same place."""
         return (

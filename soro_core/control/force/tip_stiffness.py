@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from soro_core.arrays import Array
@@ -24,9 +26,13 @@ class TipStiffness:
 
     def __init__(self, arm: SoftArm) -> None:
         self.arm = arm
-        self.fine = SoftArm(arm.robot.replace(contacts=None, tip_constraint=None).refine(_PIECES))
         ends = np.cumsum([0, *(len(link.chambers) for link in arm.robot.links)]).tolist()
         self.chambers = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b > a]
+
+    @cached_property
+    def fine(self) -> SoftArm:
+        """The arm with links of several pieces."""
+        return SoftArm(self.arm.robot.replace(contacts=None, tip_constraint=None).refine(_PIECES))
 
     def compliance(self, q: Array, toward: Array, k_p: Array) -> float:
         """Return how far a force moves the tip along itself, with feedback [m/N].
@@ -52,6 +58,8 @@ class TipStiffness:
         toward : ndarray (3,)
             Direction of the force.
         """
+        if self.arm.robot.varies:  # its links bend unevenly as they are
+            return 1.0
         x = self._fine(q)
         fine, uniform = toward @ _slope(self.fine, x), toward @ _slope(self.arm, q)
         uneven = fine @ np.linalg.solve(_stiffness(self.fine, x), fine)
@@ -62,6 +70,37 @@ class TipStiffness:
         actuation = self.arm.actuation_matrix(q)
         common = np.stack([actuation[:, one].sum(axis=1) for one in self.chambers], axis=1)
         return np.asarray(_slope(self.arm, q) @ np.linalg.solve(_stiffness(self.arm, q), common))
+
+    def slope(self, q: Array) -> Array:
+        """Return the derivative (3, n_q) of the tip's position in the world."""
+        return _slope(self.arm, q)
+
+    def friction(self, play_pa: float) -> float:
+        """Return the force [N] at the tip of the straight arm that its friction hides, across the backbone.
+
+        Parameters
+        ----------
+        play_pa : float
+            Play of set point and pressure, its width [Pa].
+        """
+        q = np.zeros(self.arm.n_q)
+        slope, stiffness = _slope(self.arm, q), _stiffness(self.arm, q)
+        compliance = slope @ np.linalg.solve(stiffness, slope.T)
+        softest = np.linalg.eigh(0.5 * (compliance + compliance.T))[1][:, -1]
+        by_force = np.linalg.solve(stiffness, slope.T @ softest) / (softest @ compliance @ softest)
+        play = np.abs(by_force @ self.arm.actuation_matrix(q)).sum() * 0.5 * play_pa
+        return float(play + np.abs(by_force) @ self._hysteresis())
+
+    def _hysteresis(self) -> Array:
+        """Return the largest force (n_q,) of the hysteresis."""
+        return np.concatenate(
+            [
+                np.sum([one.stiffness * one.range for one in link.hysteresis], axis=0)
+                if link.hysteresis
+                else np.zeros(link.n_q)
+                for link in self.arm.robot.links
+            ]
+        )
 
     def _fine(self, q: Array) -> Array:
         parts, first = [], 0

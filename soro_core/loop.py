@@ -245,4 +245,4 @@ def certainty_of(estimate: Estimate) -> Certainty | None:
         return None
     covariance, n = estimate.covariance.copy(), len(estimate.q)
     covariance[:n, :n] += estimate.unseen
-    return Certainty(covariance, estimate.positions)
+    return Certainty(covariance, estimate.positions, estimate.external)

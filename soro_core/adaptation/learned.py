@@ -23,9 +23,16 @@ class Learned:
     theta : ndarray (1 + n_q (n_q + 1) + dampings,)
         Mass at the tip beyond the robot file's [kg], then W row by row, without unit, then retardation times
         [s], see `DampingModel`.
+    own : ndarray like theta, or None
+        The same without the force by which constant strains miss non-uniform ones; None for theta itself.
+    doubt : ndarray (n_q, n_q) or None
+        Covariance of the learned force near the present coordinates [generalised force, squared]; None where
+        it is not known.
     """
 
     theta: Array
+    own: Array | None = None
+    doubt: Array | None = None
 
     @property
     def mass_kg(self) -> float:

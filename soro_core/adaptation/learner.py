@@ -385,6 +385,20 @@ class Learner:
             variance = np.full(self.size, math.nan)
         return np.sqrt(np.maximum(variance, 0.0))
 
+    def doubt(self, state: LearnerState) -> Array | None:
+        """Return the covariance (n_q, n_q) of the learned force where the last samples are, None without.
+
+        The deviations are those by the noise that the learner assumes.
+        """
+        if state.regressor is None:
+            return None
+        by = self.force.scales.force[:, None] * state.regressor
+        try:
+            found = np.asarray(by @ np.linalg.solve(state.information, by.T))
+        except np.linalg.LinAlgError:
+            return None
+        return found if np.isfinite(found).all() else None
+
     def _named(self, chambers: Array, information: Array) -> str:
         """Return which chambers differ from the others of their link."""
         only = np.eye(self.size)[:, self.force.size :]

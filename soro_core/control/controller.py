@@ -243,6 +243,7 @@ class Controller(GivenReferences):
             creep=state.creep,
             pressure_pa=measured,
             saturated=state.saturated,
+            external=None if certainty is None else certainty.external,
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pydantic import Field
 
 from soro_core.config import Strict
+from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.sensors.watch_config import WatchConfig
 from soro_core.robot.discretisation import Integrator
 
@@ -140,6 +141,7 @@ class EstimatorConfig(Strict):
     watch: WatchConfig = Field(
         WatchConfig(), description="noise of the sensors, and from when on a residual is named"
     )
+    force: ForceConfig = Field(ForceConfig(), description="external force at the tip")
     gate_probability: float = Field(
         0.9999, gt=0.5, lt=1, description="share of good samples that pass the chi-square gate"
     )

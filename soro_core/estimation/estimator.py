@@ -7,15 +7,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.scales import q_scale_of
 from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Filter
+from soro_core.estimation.force.observer import ForceState, Noise, force_observer_of
+from soro_core.estimation.force_samples import positions_since
 from soro_core.estimation.learned_input import update_learned_input
 from soro_core.estimation.noise_scaling import scaled_noise
 from soro_core.estimation.replay import replay
@@ -74,6 +78,8 @@ class Estimator:
         self._units = np.diag(q_scale_of(self.arm, model.links) ** 2)
         self.length = float(sum(link.length for link in robot.links))
         self._kept = max(1, math.ceil(self.config.history_s / dt))
+        noise = Noise(self.config.pose.position_std_m, self.config.pressure_std_pa)
+        self._force = force_observer_of(self.arm, self.config.force, model.links, noise)
 
     def initial_state(
         self, t_s: float = 0.0, q: Array | None = None, pressure_pa: Array | None = None
@@ -162,8 +168,33 @@ class Estimator:
         fresh = admit(tick, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
         replay(self.filter, tick, fresh)
         tick.monitors = watched(tick.monitors, tick.innovations, self.config.watch)
+        if self._force is not None and tick.t_s >= tick.force.due_s:
+            tick.force = self._observed(tick)
         state = tick.result()
         return state, self._estimate(state)
+
+    def external_force(self, state: EstimatorState) -> ExternalForce | None:
+        """Return what pushes on the arm at its tip, None where it is not estimated.
+
+        It is not where it is switched off, for an arm of varying strain, or without positions of late.
+
+        Parameters
+        ----------
+        state : EstimatorState
+            After a step.
+        """
+        late = state.t_s - state.position_s > self.config.lost_after_s
+        return None if late else state.force.external
+
+    def _observed(self, tick: TickState) -> ForceState:
+        """Return what is known of the external force after a tick."""
+        assert self._force is not None
+        if tick.t_s - tick.position_s > self.config.lost_after_s:
+            return ForceState()
+        last = tick.force.last
+        after_s = -math.inf if last is None else last.stamp_s
+        seen, place = positions_since(tick.history, tick.belief, after_s)
+        return self._force.step(tick.force, seen, place, tick.known, tick.t_s)
 
     def _learn(self, tick: TickState, state: EstimatorState, learned: Learned | None) -> None:
         """Put the learned force that the next step uses into the state of the tick."""
@@ -174,7 +205,8 @@ class Estimator:
             learned = None
             tick.count("learned")
         if learned is not None:
-            learned = Learned(np.array(learned.theta, dtype=np.float64))  # in the form that kernels take
+            # In the form that kernels take.
+            learned = replace(learned, theta=np.array(learned.theta, dtype=np.float64))
         tick.known = update_learned_input(
             tick.known, learned, tick.dt, placed, self.filter.mean_strain is not None
         )
@@ -212,4 +244,5 @@ class Estimator:
             state.t_s - state.position_s <= self.config.lost_after_s,
             self._unseen(state),
             EstimatorStatus(not failure, failure, state.counts, age, note),
+            None if failure else self.external_force(state),
         )

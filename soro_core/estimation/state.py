@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from soro_core.arrays import Array
+from soro_core.estimation.force.observer import ForceState
 from soro_core.estimation.kernel.belief import Belief
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.estimation.sensors.monitor import SensorMonitor
@@ -86,6 +87,8 @@ class EstimatorState(NamedTuple):
         How well the samples of each sensor fit.
     counts : Counts
         Counts since the start.
+    force : ForceState
+        What is known of the external force.
     """
 
     t_s: float
@@ -100,3 +103,4 @@ class EstimatorState(NamedTuple):
     known: LearnedInput = LearnedInput()
     monitors: Mapping[str, SensorMonitor] = _NONE
     counts: Counts = Counts()
+    force: ForceState = ForceState()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 
 
@@ -95,6 +96,8 @@ class Estimate(NamedTuple):
         what the filter takes from its model.
     status : EstimatorStatus
         Whether it may be used.
+    external : ExternalForce or None
+        What pushes on the arm at its tip; None where it is not estimated.
     """
 
     t_s: float
@@ -108,3 +111,4 @@ class Estimate(NamedTuple):
     positions: bool
     unseen: Array
     status: EstimatorStatus
+    external: ExternalForce | None = None

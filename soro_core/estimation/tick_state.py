@@ -8,6 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from soro_core.arrays import Array
+from soro_core.estimation.force.observer import ForceState
 from soro_core.estimation.kernel.belief import Belief
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.estimation.sensors.monitor import Innovation, SensorMonitor
@@ -46,6 +47,7 @@ class TickState:
         self.known: LearnedInput = state.known
         self.monitors: Mapping[str, SensorMonitor] = state.monitors
         self.counts = [*state.counts]
+        self.force: ForceState = state.force
         self.innovations: list[Innovation] = []
         """Of the new samples, in the order of their stamps."""
 
@@ -95,4 +97,5 @@ class TickState:
             self.known,
             self.monitors,
             Counts(*self.counts),
+            self.force,
         )

@@ -29,6 +29,8 @@ from soro_core.frozen import replaced
 # Time between samples of the learner, and between steps of the non-uniform strain [s]: both change slowly. A
 # loop of 250 Hz or less takes each at every tick, a faster one at ticks of their own in turns.
 _SAMPLE_S = 0.004
+# Time after which the doubt about the learned force is found anew [s].
+_DOUBT_S = 0.02
 
 
 class CompositeOptions(LearnerConfig, LawOptions):
@@ -62,6 +64,8 @@ class CompositeState:
         What the filter is told: the same object until there is something new; None before the first tick.
     sampled_s, bent_s : float
         Time since the last sample of the learner, and since the last step of the shape [s].
+    doubted_s : float
+        The same since the doubt about the learned force was found.
     """
 
     learner: LearnerState
@@ -71,6 +75,7 @@ class CompositeState:
     learned: Learned | None = None
     sampled_s: float = 0.0
     bent_s: float = math.inf
+    doubted_s: float = 0.0
 
 
 class Composite(Law[CompositeState]):
@@ -135,10 +140,14 @@ class Composite(Law[CompositeState]):
         }
         creep = arm.internal_midpoint(wanted.q, wanted.qd, state.creep, dt)
         desired = model + internal + learned + nonuniform + proportional + derivative
-        told = state.learned
+        told, doubted_s = state.learned, state.doubted_s
         if told is None or learner.learned is not state.learner.learned or unmodelled is not state.unmodelled:
-            told = self._told(learner, unmodelled, belief)
-        return CompositeState(learner, creep, shape, unmodelled, told, sampled_s, bent_s), desired, terms
+            doubt, doubted_s = None if told is None else told.doubt, doubted_s + dt
+            if doubt is None or doubted_s >= _DOUBT_S:
+                doubt, doubted_s = self.learner.doubt(learner), 0.0
+            told = self._told(learner, unmodelled, belief, doubt)
+        after = CompositeState(learner, creep, shape, unmodelled, told, sampled_s, bent_s, doubted_s)
+        return after, desired, terms
 
     def actuation(self, state: CompositeState, actuation: Array, q: Array) -> Array:
         """Return H with the learned gains of the chambers; parameters as in `Law.actuation`."""
@@ -176,17 +185,22 @@ class Composite(Law[CompositeState]):
         return state.learned or self._told(state.learner, state.unmodelled)
 
     def _told(
-        self, learner: LearnerState, unmodelled: NonuniformForce | None, belief: ArmBelief | None = None
+        self,
+        learner: LearnerState,
+        unmodelled: NonuniformForce | None,
+        belief: ArmBelief | None = None,
+        doubt: Array | None = None,
     ) -> Learned:
         """Return mass and W with the tangents of all else that is learned or known beside the model."""
         found, scales = learner.learned, self.learner.force.scales
         if unmodelled is not None:
             found = unmodelled.added_to(found, scales)
+        own = learner.learned
         if belief is not None and learner.chambers.any():
             acting = self.setting.arm.acting_pressure(belief.pressure_pa)
             force, by_q = self.learner.chambers.force(learner.chambers, belief.q, acting)
-            found = found.with_force(belief.q, force, by_q, scales)
-        return found
+            found, own = (one.with_force(belief.q, force, by_q, scales) for one in (found, own))
+        return replaced(found, own=own.theta, doubt=doubt)
 
     def counts(self, state: CompositeState) -> dict[str, int]:
         """Return samples refused and priors restored."""

@@ -15,6 +15,7 @@ from soro_core.config import Strict
 from soro_core.control.laws.guard import guard
 
 if TYPE_CHECKING:  # a scene reads a law's keys without its model
+    from soro_core.adaptation.external_force import ExternalForce
     from soro_core.adaptation.learned import Learned
     from soro_core.control.config import ControllerConfig
     from soro_core.control.passivity.adaptive import FeedbackGains
@@ -51,6 +52,8 @@ class ArmBelief:
         Measured pressures [Pa gauge]; the predicted ones in place of a reading that is not finite.
     saturated : ndarray of bool (n_u,)
         Chambers at a bound at the last tick.
+    external : ExternalForce or None
+        What pushes on the arm at its tip; None where it is not estimated.
     """
 
     q: Array
@@ -60,6 +63,7 @@ class ArmBelief:
     creep: Array
     pressure_pa: Array
     saturated: NDArray[np.bool_]
+    external: ExternalForce | None = None
 
 
 @dataclass(frozen=True)
@@ -72,10 +76,13 @@ class Certainty:
         P, covariance of (q, qd).
     positions : bool
         Whether positions of the arm are measured.
+    external : ExternalForce or None
+        What pushes on the arm at its tip; None where it is not estimated.
     """
 
     covariance: Array
     positions: bool
+    external: ExternalForce | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,1 @@
+"""External force: its estimate at the tip, and the stages of a contact."""

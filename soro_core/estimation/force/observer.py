@@ -1,0 +1,197 @@
+"""The external force from tick to tick: samples behind a low-pass, balance, covariance and stage."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from soro_core.adaptation.config import mass_prior
+from soro_core.adaptation.external_force import ExternalForce
+from soro_core.adaptation.force import LearnedForce
+from soro_core.adaptation.learned import Learned
+from soro_core.arrays import Array
+from soro_core.errors import ConfigError, ModelError
+from soro_core.estimation.force.config import ForceConfig
+from soro_core.estimation.force.tip_balance import Measured, TipBalance, TipBalancer
+from soro_core.estimation.learned_input import LearnedInput
+from soro_core.model import SoftArm
+
+
+class Seen(NamedTuple):
+    """One position of a place of the arm, and what the arm did then.
+
+    Attributes
+    ----------
+    stamp_s : float
+        When [s].
+    position : ndarray (3,)
+        [m].
+    pressure_pa : ndarray (n_u,)
+        Measured pressures [Pa gauge].
+    q, qd : ndarray (n_q,)
+        Estimated coordinates and rates.
+    internal : ndarray (n_internal,)
+        Creep and hysteresis states.
+    """
+
+    stamp_s: float
+    position: Array
+    pressure_pa: Array
+    q: Array
+    qd: Array
+    internal: Array
+
+
+class ForceState(NamedTuple):
+    """What is kept between two estimates.
+
+    Attributes
+    ----------
+    due_s : float
+        When the next estimate is due [s].
+    last : Seen or None
+        The newest position that is used; None before the first.
+    passed_s : float
+        Time since the low-pass began [s].
+    interval_s : float
+        Mean time between two positions [s].
+    measured : Measured or None
+        All behind the low-pass; None before the first position.
+    balance : TipBalance or None
+    external : ExternalForce or None
+        The estimate; None before the first.
+    """
+
+    due_s: float = -math.inf
+    last: Seen | None = None
+    passed_s: float = 0.0
+    interval_s: float = 0.0
+    measured: Measured | None = None
+    balance: TipBalance | None = None
+    external: ExternalForce | None = None
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Deviations of what is measured: of a position [m] and of a pressure [Pa]."""
+
+    position_m: float
+    pressure_pa: float
+
+
+class ForceObserver:
+    """Estimates the external force on one arm.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Discretised model.
+    config : ForceConfig
+    links : int
+        Number of pieces into which the model divides each link.
+    noise : Noise
+
+    Raises
+    ------
+    ConfigError, ModelError
+        If the arm has no such balance, see `TipBalancer`.
+    """
+
+    def __init__(self, arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> None:
+        self.arm, self.config, self.noise = arm, config, noise
+        self.balancer = TipBalancer(arm, links, config.pieces)
+        self.force = LearnedForce(arm, links)
+        self._nothing = np.zeros(self.force.size)
+
+    def step(
+        self, state: ForceState, seen: Sequence[Seen], s: float, known: LearnedInput, now_s: float
+    ) -> ForceState:
+        """Return the state with the estimate from new positions of one place.
+
+        Parameters
+        ----------
+        state : ForceState
+        seen : sequence of Seen
+            In the order of their stamps, after the last ones.
+        s : float
+            The place, along the whole arm [m].
+        known : LearnedInput
+            What a law has learned.
+        now_s : float
+            Time of the tick [s].
+        """
+        state = state._replace(due_s=now_s + self.config.period_s)
+        if not seen:
+            return state
+        for one in seen:
+            state = self._passed(state, one)
+        assert state.measured is not None
+        theta, learned = self._nothing, known.learned
+        if learned is not None:
+            theta = known.share * (learned.theta if learned.own is None else learned.own)
+        measured = state.measured
+        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), measured.qd)
+        measured = measured._replace(force=measured.force + losses)
+        balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
+        if balance is None:
+            return ForceState(due_s=state.due_s)
+        covariance = self._covariance(balance, state, learned)
+        return state._replace(balance=balance, external=ExternalForce(balance.force_n.copy(), covariance))
+
+    def _passed(self, state: ForceState, one: Seen) -> ForceState:
+        """Return the state with one more position behind the low-pass."""
+        before, arm = state.last, self.arm
+        dt = one.stamp_s - before.stamp_s if before is not None else 0.0
+        qdd = np.zeros(arm.n_q) if before is None else (one.qd - before.qd) / dt
+        force = arm.damping_force(one.q, one.qd) + arm.internal_force(one.q, one.internal)
+        new = Measured(one.position, one.pressure_pa, one.qd, qdd, force)
+        passed_s = state.passed_s + dt
+        if state.measured is not None and dt > 0.0:
+            # At first a mean: the first position alone would count for the time of the low-pass.
+            part = max(-math.expm1(-self.config.low_pass_per_s * dt), dt / (passed_s + dt))
+            new = Measured(*(old + part * (x - old) for old, x in zip(state.measured, new, strict=True)))
+        interval_s = state.interval_s + 0.1 * (dt - state.interval_s) if state.interval_s else dt
+        return state._replace(last=one, passed_s=passed_s, interval_s=interval_s, measured=new)
+
+    def _covariance(self, balance: TipBalance, state: ForceState, learned: Learned | None) -> Array:
+        """Return the covariance (3, 3) of the force [N^2]."""
+        config, measured, arm = self.config, state.measured, self.arm
+        assert measured is not None
+        rate, dt = config.low_pass_per_s, state.interval_s
+        part = max(0.5 * rate * dt, dt / (state.passed_s + dt) if dt > 0.0 else 1.0)
+        position = self.noise.position_m * balance.by_position
+        pressure = self.noise.pressure_pa * balance.by_pressure
+        found = part * (position @ position.T + pressure @ pressure.T)
+        gain = config.gain_std * (balance.by_pressure @ arm.acting_pressure(measured.pressure_pa))
+        found += np.outer(gain, gain)
+        doubt = None if learned is None else learned.doubt
+        if doubt is None:
+            q, scales = balance.x @ self.balancer.spread / config.pieces, self.force.scales
+            load = mass_prior(arm)[0] * arm.tip_mass_force(q, measured.qd, measured.qdd)
+            elastic = config.stiffness_std * scales.stiffness * scales.force * q
+            doubt = np.diag(elastic**2) + np.outer(load, load)
+        found += balance.by_force @ doubt @ balance.by_force.T
+        return np.asarray(0.5 * (found + found.T))
+
+
+def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:
+    """Return what estimates the force on an arm; None where it is switched off, or the arm has no balance.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    config : ForceConfig
+    links : int
+        As in `ForceObserver`.
+    noise : Noise
+    """
+    if not config.enabled:
+        return None
+    try:
+        return ForceObserver(arm, config, links, noise)
+    except (ConfigError, ModelError):
+        return None

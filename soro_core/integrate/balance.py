@@ -7,8 +7,8 @@ method keeps its order [HLW06, IV.4; K19]. If the kinetic energy is too small fo
 
 The correction applies only to steps with an exact balance. Gravity, elasticity, creep, hysteresis, contact
 and the held tip store energy and otherwise only dissipate; pressures that are constant over the step do the
-work p (V1 - V0), with effective pressures p. Wrenches, obstacles that move, and pressures that change within a
-step, are input: such steps are not corrected.
+work p (V1 - V0), with effective pressures p. Wrenches, obstacles that move, and pressures that change within
+a step, are input: such steps are not corrected.
 """
 
 from __future__ import annotations

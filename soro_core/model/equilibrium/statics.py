@@ -9,7 +9,16 @@ from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
-from soro_core.model.checks import finite, flat_wrench, listed, note_range, number, refuse_push, require, shaped
+from soro_core.model.checks import (
+    finite,
+    flat_wrench,
+    listed,
+    note_range,
+    number,
+    refuse_push,
+    require,
+    shaped,
+)
 from soro_core.model.equilibrium.continuation import follow
 from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.settle import settle
@@ -218,7 +227,8 @@ def _from_rest(forces: RestForces, found: Array, failure: str) -> tuple[Array, s
         share = "" if forces.wrench is None else f" with {100.0 * branch.share:.3g} % of the wrench"
         raise NoBalanceError(
             f"no equilibrium at pressures {listed(p)} Pa of {arm.robot.name}: no balance beyond"
-            f" {listed(reached)} Pa{share}, on the way there from no pressure; lower the pressures or the load",
+            f" {listed(reached)} Pa{share}, on the way there from no pressure; lower the pressures or the"
+            " load",
             tuple(float(one) for one in reached),
         )
     return _search(forces, 1.0, branch.q)

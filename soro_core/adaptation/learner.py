@@ -20,6 +20,7 @@ from soro_core.adaptation.bounds import bounded_minimum
 from soro_core.adaptation.chamber_gains import NAMED_DEVIATIONS, NAMED_PART, chamber_model
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.damping import MOST_S
+from soro_core.adaptation.external_force import Stage
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.kept import KeptNumbers
 from soro_core.adaptation.kernel.information import LearningRule, RuleFields, gain
@@ -44,6 +45,9 @@ _STEP = 1e-6
 _WAIT_S = 0.5
 # The chambers are judged after each such time [s].
 _JUDGED_S = 0.5
+# What was known is kept for between one and two of these times [s].
+_PAST_S = 0.2
+_KEPT = ("learned", "chambers", "information", "moment")
 
 
 @dataclass(frozen=True)
@@ -62,6 +66,8 @@ class LearnerSample:
         Covariance of q.
     unmodelled : NonuniformForce or None
         Unmodelled force near to q; the rest is learned.
+    stage : {"free", "outside force", "contact"}
+        What pushes from outside: under an outside force the mass alone is learned, in contact nothing.
     """
 
     q: Array
@@ -70,6 +76,7 @@ class LearnerSample:
     creep: Array
     covariance: Array
     unmodelled: NonuniformForce | None = None
+    stage: Stage = "free"
 
 
 @dataclass(frozen=True)
@@ -105,6 +112,13 @@ class LearnerState:
         Time since the chambers were judged [s], and those that differ from the others of their link.
     note : str
         What the last sample has caused, for the user; else empty.
+    stage : {"free", "outside force", "contact"}
+        Stage of the last sample.
+    past : tuple
+        What was known up to two times `_PAST_S` ago, oldest first, each with its age: a force from outside is
+        found a little after it has begun to teach.
+    before : tuple of float and ndarray, or None
+        Mass [kg] and information before the present force from outside.
     """
 
     learned: Learned
@@ -125,6 +139,9 @@ class LearnerState:
     judged_s: float = 0.0
     named: str = ""
     note: str = ""
+    stage: Stage = "free"
+    past: tuple[tuple[Any, ...], ...] = ()
+    before: tuple[float, Array] | None = None
 
 
 class Learner:
@@ -293,6 +310,9 @@ class Learner:
         of_chambers = self.chambers.regressor(sample.q, self.arm.acting_pressure(sample.pressure_pa))
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
+        if sample.stage != "free":
+            held = self._held(state, sample.stage, (residual, regressor), covariance, dt)
+            return replaced(held, residual=residual, regressor=regressor, rate=sample.qd, note=state.named)
         start, known = state.start, np.concatenate([state.learned.theta, state.chambers])
         prior = self._prior(start, known, state.doubts_areas)
         information, moment = state.information + (prior - state.prior), state.moment.copy()
@@ -314,9 +334,14 @@ class Learner:
         parts, judged_s, named = self._parts(within), state.judged_s + dt, state.named
         if judged_s >= _JUDGED_S:
             judged_s, named = 0.0, self._named(parts["chambers"], information)
+        past = tuple((kept[0] + dt, *kept[1:]) for kept in state.past)
+        if not past or past[-1][0] >= _PAST_S:
+            past = (*past[-1:], (0.0, *(getattr(state, name) for name in _KEPT)))
         return replaced(
             state,
             **parts,
+            stage="free",
+            past=past,
             information=after[0],
             moment=after[1],
             prior=prior,
@@ -330,6 +355,57 @@ class Learner:
             named=named,
             note="; ".join(filter(None, (named, note))),
         )
+
+    def _held(
+        self, state: LearnerState, stage: Stage, sides: tuple[Array, Array], covariance: Array, dt: float
+    ) -> LearnerState:
+        """Return what is known under a force from outside: what was before it, and its mass until a contact.
+
+        In a contact the mass is again that of before: it was no load.
+        """
+        if state.stage == "free" and state.past:
+            was: dict[str, Any] = dict(zip(_KEPT, state.past[0][1:], strict=True))
+            before = was["learned"].mass_kg, was["information"]
+            state = replaced(replaced(state, **was), past=(), before=before)
+        known = np.concatenate([state.learned.theta, state.chambers])
+        mass_kg, information = known[0], state.information
+        if stage == "contact" and state.stage != stage and state.before is not None:
+            mass_kg, information = state.before
+        elif stage == "outside force":
+            mass_kg, information = self._mass_alone(state, known, *sides, covariance, dt)
+        if mass_kg != known[0]:
+            known[0] = mass_kg
+            state = replaced(state, **self._parts(known))
+        moment = information @ (known - state.start)
+        passed_s = state.passed_s + dt
+        return replaced(state, stage=stage, information=information, moment=moment, passed_s=passed_s)
+
+    def _mass_alone(
+        self,
+        state: LearnerState,
+        known: Array,
+        residual: Array,
+        regressor: Array,
+        covariance: Array,
+        dt: float,
+    ) -> tuple[float, Array]:
+        """Return mass [kg] and information after a sample that is to move no other value.
+
+        The rule is that of `kernel.information` for this one number.
+        """
+        rule = self._rule
+        missing, by_mass = residual - regressor @ known, regressor[:, 0]
+        noise = rule.noise + rule.slope @ covariance @ rule.slope.T
+        weighed = np.linalg.solve(noise, np.column_stack([missing, by_mass]))
+        large = min(float(missing @ weighed[:, 0]) / missing.size, rule.forget_factor)
+        information = state.information.copy()
+        moved = dt * max(large - 1.0, 0.0) * rule.walk
+        column = information[0].copy()
+        information -= moved / (1.0 + moved * column[0]) * np.outer(column, column)
+        part = dt * 0.5 * rule.low_pass_per_s / max(1.0, large)
+        information[0, 0] += part * float(by_mass @ weighed[:, 1])
+        mass_kg = known[0] + part * float(by_mass @ weighed[:, 0]) / information[0, 0]
+        return float(min(max(mass_kg, self.lower[0]), self.upper[0])), information
 
     def follow(self, state: LearnerState, power: float, dt: float) -> LearnerState:
         """Return the state after a tick without positions: the mass follows the tracking error.

@@ -191,7 +191,8 @@ class Filter:
 
     def _load(self, known: LearnedInput) -> entries.Known:
         """Return the learned model in force and its share."""
-        return (self.nothing.theta, 0.0) if known.learned is None else (known.learned.theta, known.share)
+        learned = known.learned if known.held is None else known.held
+        return (self.nothing.theta, 0.0) if learned is None else (learned.theta, known.share)
 
     def _expect(self, belief: Belief, pressure_pa: Array, s: float, share: float) -> None:
         """Set what an IMU sample is compared with; non-uniform strain comes and goes with the learned load.

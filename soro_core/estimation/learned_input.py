@@ -23,11 +23,14 @@ class LearnedInput(NamedTuple):
         Time since it came [s].
     share : float
         Part of its force that the filter uses, 0 to 1.
+    held : Learned or None
+        The same with the force from outside that holds the arm, in place of it; None while the arm is free.
     """
 
     learned: Learned | None = None
     age_s: float = 0.0
     share: float = 0.0
+    held: Learned | None = None
 
     @property
     def note(self) -> str:

@@ -92,9 +92,12 @@ _NAMES = {
     ),
     "Link.density": "kg/m3",
     "Injection.at": "s",
-    **dict.fromkeys(("PointMass.place", "LinkSection.place", "Plane.point", "TipConstraint.point"), "m"),
-    **dict.fromkeys((f"{one}.stiffness" for one in ("Surface", "Plane", "Sphere", "TipConstraint")), "N/m"),
-    **dict.fromkeys((f"{one}.damping" for one in ("Surface", "Plane", "Sphere")), "s/m"),
+    **dict.fromkeys(("PointMass.place", "LinkSection.place", "TipConstraint.point"), "m"),
+    **dict.fromkeys(("Plane.point", "Wall.point"), "m"),
+    **dict.fromkeys(
+        (f"{one}.stiffness" for one in ("Surface", "Plane", "Sphere", "Wall", "TipConstraint")), "N/m"
+    ),
+    **dict.fromkeys((f"{one}.damping" for one in ("Surface", "Plane", "Sphere", "Wall")), "s/m"),
     "TipConstraint.damping": "Ns/m",
 }
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*|)")

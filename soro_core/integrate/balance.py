@@ -7,8 +7,8 @@ method keeps its order [HLW06, IV.4; K19]. If the kinetic energy is too small fo
 
 The correction applies only to steps with an exact balance. Gravity, elasticity, creep, hysteresis, contact
 and the held tip store energy and otherwise only dissipate; pressures that are constant over the step do the
-work p (V1 - V0), with effective pressures p. Wrenches, and pressures that change within a step, are input:
-such steps are not corrected.
+work p (V1 - V0), with effective pressures p. Wrenches, obstacles that move, and pressures that change within
+a step, are input: such steps are not corrected.
 """
 
 from __future__ import annotations
@@ -58,6 +58,10 @@ def _begin(m: Scheme, run: Stepping, held: StepInput, start: ArmState) -> None:
         free = free and row[0, u] == row[1, u] and row[1, u] == row[2, u]
     for r in range(wrench.shape[0]):
         free = free and wrench[r] == 0.0
+    obstacles = run.tables.external.obstacles
+    for o in range(obstacles.shape[0]):
+        for r in range(11, 14):
+            free = free and obstacles[o, r] == 0.0
     if not free:
         work.energy[0] = math.inf
     elif not work.energy[0] < math.inf:

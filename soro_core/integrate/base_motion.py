@@ -16,8 +16,8 @@ from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
-from soro_core.model import SoftArm
-from soro_core.model.checks import finite, shaped
+from soro_core.model import SoftArm, entries
+from soro_core.model.checks import finite, flat_wrench, shaped
 from soro_core.model.tables import BaseMotion, FixedBase, Tables
 from soro_core.robot import BaseState
 
@@ -99,6 +99,17 @@ def with_base(t: Tables) -> Tables:
         base=BaseMotion(np.zeros(6), np.zeros(6)),
         **wide,
     )
+
+
+def forces_on_base(base: Base, arm: SoftArm, t: float, q: Array, qd: Array) -> Array:
+    """Return the forces (n_places, 3) of `SoftArm.external_forces` on an arm whose base moves."""
+    row, tables = base_rows(base, arm, np.array([t]))[0], with_base(arm.tables)
+    tables.base_rotation[:], tables.base_position[:] = row[:9].reshape(3, 3), row[9:12]
+    tables.base.twist[:] = row[12:18]
+    force = np.empty((len(tables.external.kind), 3))
+    none = flat_wrench(arm.robot, None)
+    entries.external_forces(entries.make_box(tables), q, qd, none, np.empty(arm.n_q), force)
+    return force
 
 
 @inner

@@ -103,17 +103,17 @@ def external_table(robot: Robot, sites: list[tuple[int, Site]], n_q: int) -> Ext
 
 
 def _obstacles(robot: Robot) -> Array:
-    """Rows as in `soro_core.model.forces.contact`, (n, 11)."""
-    rows = []
+    """Rows as in `soro_core.model.forces.contact`, (n, 14)."""
+    rows, at_rest = [], (0.0, 0.0, 0.0)
     if robot.contacts is not None:
         for plane in robot.contacts.planes:
             normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
             law = (plane.stiffness, plane.damping, plane.friction, plane.slip_velocity)
-            rows.append([*plane.point, *normal, *law, PLANE])
+            rows.append([*plane.point, *normal, *law, PLANE, *at_rest])
         for ball in robot.contacts.spheres:
             law = (ball.stiffness, ball.damping, ball.friction, ball.slip_velocity)
-            rows.append([*ball.centre, 0.0, 0.0, 0.0, *law, ball.radius])
-    return np.array(rows, dtype=np.float64).reshape(len(rows), 11)
+            rows.append([*ball.centre, 0.0, 0.0, 0.0, *law, ball.radius, *at_rest])
+    return np.array(rows, dtype=np.float64).reshape(len(rows), 14)
 
 
 def _held(robot: Robot) -> Array:

@@ -32,7 +32,8 @@ class External(NamedTuple):
     radius: Array
     """Radius of the section [m], (n_places,)."""
     obstacles: Array
-    """Rows as in `soro_core.model.forces.contact`, (n_obstacles, 11)."""
+    """Rows as in `soro_core.model.forces.contact`, (n_obstacles, 14): an array, so that the
+    twin can move a wall of its own tables."""
     held: Array
     """Place where the tip is held, stiffness [N/m] and damping [N s/m] along each axis of the world: (9,)."""
 

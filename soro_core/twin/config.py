@@ -15,11 +15,10 @@ from soro_core.pneumatics import RegulatorModel, ValveModel
 from soro_core.robot import Robot, Shake, load_robot
 from soro_core.robot.discretisation import Integrator
 from soro_core.run_keys import ArmNodeKeys, LimitKeys, Priority, SeedKeys, check_places
+from soro_core.twin.push import SAME_S, Wall, WrenchChanges
 
 # Largest mass at the tip [kg].
 HEAVIEST_KG = 5.0
-# A time that is earlier by less [s] is the same tick.
-SAME_S = 1e-9
 
 
 class SensorConfig(Strict):
@@ -116,6 +115,10 @@ class TwinSection(Strict):
     payload_changes: PayloadChanges = Field(
         PayloadChanges(), description="other masses at the tip, each from some time on"
     )
+    wrench: WrenchChanges = Field(
+        WrenchChanges(), description="push on the arm, which estimator and controller do not know"
+    )
+    wall: Wall = Field(Wall(), description="wall in its way, which estimator and controller do not know")
     stiffness_scale: float = Field(1.0, gt=0, le=10, description="true stiffness over the robot file's")
     damping_scale: float = Field(1.0, ge=0, le=10, description="true damping over the robot file's")
     gain_scale: float = Field(1.0, gt=0, le=10, description="true chamber gains over the robot file's")

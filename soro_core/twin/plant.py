@@ -9,12 +9,17 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.integrate import OK, State, Status, make_stepper
-from soro_core.integrate.base_motion import base_rows, moved
+from soro_core.integrate.base_motion import base_rows, forces_on_base, moved
 from soro_core.model.discretised import discretised
 from soro_core.model.equilibrium.statics import equilibrium
+from soro_core.model.soft_arm import SoftArm
+from soro_core.model.tables import CONTACT
 from soro_core.pneumatics import ValveCondition
-from soro_core.robot import Robot, refuse_tendons
+from soro_core.robot import Contacts, Robot, refuse_tendons
 from soro_core.twin.config import TwinConfig, check_volumes, described_plant
+
+# Longest step times angular frequency of the free tip on a wall; from 1.8 on it bounces higher and higher.
+BOUNCE = 1.2
 
 
 def true_robot(robot: Robot, config: TwinConfig) -> Robot:
@@ -24,6 +29,24 @@ def true_robot(robot: Robot, config: TwinConfig) -> Robot:
         stiffness=config.stiffness_scale, damping=config.damping_scale, gain=config.gain_scale
     ).refine(config.refine)
     return real.replace(tip_mass=robot.tip_mass + config.payload_kg)
+
+
+def _bounce_step(arm: SoftArm, stiffness: float) -> float:
+    """Longest step [s] that resolves how the tip bounces on a stiffness [N/m]: longer ones gain energy."""
+    jacobian = arm.jacobian(np.zeros(arm.n_q), arm.length)[3:]
+    mobility = jacobian @ np.linalg.solve(arm.inertia_matrix(np.zeros(arm.n_q)), jacobian.T)
+    return float(BOUNCE / np.sqrt(stiffness * np.linalg.eigvalsh(mobility)[-1]))
+
+
+def _with_pushes(robot: Robot, config: TwinConfig) -> Robot:
+    """Return the robot with the wall behind its own planes, and places for wrenches, the tip as the last."""
+    if config.wall.stiffness:
+        contacts = robot.contacts or Contacts()
+        planes = (*contacts.planes, config.wall.plane)
+        robot = robot.replace(contacts=contacts.model_copy(update={"planes": planes}))
+    inner = (config.wrench.location * robot.length,) if config.wrench.location < 1.0 else ()
+    places = (*robot.wrench_places, *inner)
+    return robot.replace(wrench_places=(*places, robot.length)) if places else robot
 
 
 class ArmPlant:
@@ -43,7 +66,7 @@ class ArmPlant:
     """
 
     def __init__(self, robot: Robot, config: TwinConfig) -> None:
-        real = true_robot(robot, config)
+        real = _with_pushes(true_robot(robot, config), config)
         refuse_tendons(real, "twin")
         self.arm = discretised(real, config.model)
         self.has_air = config.air == "states"
@@ -51,9 +74,11 @@ class ArmPlant:
         if self.has_air:
             check_volumes(real, where="parameters of twin", key="air")
         valves = config.valve if self.has_air else None
+        self._push, self._wall = config.wrench, config.wall if config.wall.stiffness else None
         self._base = config.base_shake if config.base_shake.moves else None
         self._stepper = make_stepper(config.integrator, self.arm, valves=valves, base=self._base)
-        self._step_s = config.step_s
+        stiffness = config.wall.stiffness
+        self._step_s = min(config.step_s, _bounce_step(self.arm, stiffness) if stiffness else math.inf)
 
     def rest(self, pressure_pa: Array) -> State:
         """Equilibrium under constant pressures (n_u,) [Pa].
@@ -63,6 +88,7 @@ class ArmPlant:
         ModelError
             If none is found from the straight arm.
         """
+        self.move_wall(-math.inf)
         q = equilibrium(self.arm, pressure_pa)
         return self._stepper.initial_state(q, pressure0=pressure_pa if self.has_air else None)
 
@@ -95,6 +121,46 @@ class ArmPlant:
         filled = self._stepper.initial_state(state.q, state.qd, pressure_pa)
         return replace(state, internal=np.concatenate((state.internal[:n], filled.internal[n:])))
 
+    def wrench(self, state: State, t: float, since: float, push: Array | None) -> Array | None:
+        """Return the wrenches on the arm as `Stepper.step` takes them, None without.
+
+        Parameters
+        ----------
+        state : State
+        t, since : float
+            Time, and time after the begin of control [s].
+        push : ndarray (6,), optional
+            Torque [N m] and force [N] at the tip in the world, beside those of the scene.
+        """
+        own = self._push.at(since) if self._push.at_s else None
+        if own is None and push is None:
+            return None
+        places = self.arm.robot.wrench_places or (self.arm.length,)
+        rows = np.zeros((len(places), 6))
+        for row, values in ((-1, push), (-2 if self._push.location < 1.0 else -1, own)):
+            if values is not None and values.any():
+                turn = self.pose(state, places[row], t)[:3, :3].T
+                rows[row] += np.concatenate((turn @ values[:3], turn @ values[3:]))
+        return rows if self.arm.robot.wrench_places else rows[0]
+
+    def contact_force(self, state: State, t: float, since: float) -> Array:
+        """Sum (3,) of the forces of contact on the arm, in the world [N]; times as of `wrench`."""
+        if self.arm.robot.contacts is None:
+            return np.zeros(3)
+        self.move_wall(since)
+        if self._base is None:
+            force = self.arm.external_forces(state.q, state.qd).force
+        else:
+            force = forces_on_base(self._base, self.arm, t, state.q, state.qd)
+        return np.asarray(force[self.arm.tables.external.kind == CONTACT].sum(axis=0))
+
+    def move_wall(self, since: float) -> None:
+        """Put the wall where it is at a time after the begin of control [s], for what `arm` tells next."""
+        contacts = self.arm.robot.contacts
+        if self._wall is not None and contacts is not None:
+            row = self.arm.tables.external.obstacles[len(contacts.planes) - 1]
+            row[:3], row[11:] = self._wall.at(since)
+
     def advance(
         self,
         state: State,
@@ -103,8 +169,13 @@ class ArmPlant:
         dt: float,
         condition: ValveCondition | None = None,
         t: float = 0.0,
+        since: float = -math.inf,
+        push: Array | None = None,
     ) -> tuple[State, Status]:
         """Advance by `dt` while the pressures change linearly.
+
+        A push and a wall are held over each of the equal steps, as they are in its middle; the push keeps the
+        direction in the world that it has with the arm at the start of the step.
 
         Parameters
         ----------
@@ -118,6 +189,10 @@ class ArmPlant:
             Condition of the valves, where air is a part of the state; default healthy.
         t : float
             Time at the start [s], on which the motion of the base depends.
+        since : float
+            Time after the begin of control at the start [s], -inf before it.
+        push : ndarray (6,), optional
+            As of `wrench`.
 
         Returns
         -------
@@ -131,7 +206,10 @@ class ArmPlant:
         for k in range(steps):
             middle = start_pa + (end_pa - start_pa) * ((k + 0.5) / steps)
             at = t + k * dt / steps
-            state, status = self._stepper.step(state, middle, dt / steps, condition=condition, t=at)
+            half = since + (k + 0.5) * dt / steps
+            self.move_wall(half)
+            wrench = self.wrench(state, at, half, push)
+            state, status = self._stepper.step(state, middle, dt / steps, wrench, condition, at)
             if not status.ok:
                 break
         return state, status

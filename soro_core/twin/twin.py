@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from soro_core import pneumatics
 from soro_core.arrays import Array
@@ -16,6 +18,7 @@ from soro_core.estimation.sensors.samples import ImuSample, PoseSample
 from soro_core.estimation.sensors.tracker import Tracker
 from soro_core.frozen import replaced
 from soro_core.integrate import OK, State, Status
+from soro_core.model.checks import finite, shaped
 from soro_core.robot import Robot
 from soro_core.twin.config import SensorConfig, TwinConfig
 from soro_core.twin.plant import ArmPlant
@@ -50,7 +53,9 @@ class TwinState:
     status : Status
         Result of the last step.
     start_tick : int or None
-        Tick from which the times of the payload's changes count; None: they wait.
+        Tick from which the times of payload, wrench and wall count; None: they wait.
+    push : ndarray (6,), optional
+        Torque [N m] and force [N] at the tip in the world, beside those of the scene.
     """
 
     tick: int
@@ -60,6 +65,7 @@ class TwinState:
     imus: tuple[SensorState[ImuSample], ...]
     status: Status
     start_tick: int | None = 0
+    push: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -74,12 +80,21 @@ class Observation:
         Samples that reach their reader at this tick.
     tip : ndarray (4, 4)
         True pose of the tip.
+    push_n, contact_n : ndarray (3,)
+        True force of wrenches, and sum of those of contact, on the arm in the world [N].
     """
 
     reading_pa: Array
     poses: tuple[PoseSample, ...]
     imus: tuple[ImuSample, ...]
     tip: Array
+    push_n: Array = field(default_factory=lambda: np.zeros(3))
+    contact_n: Array = field(default_factory=lambda: np.zeros(3))
+
+    @property
+    def force_n(self) -> Array:
+        """All that pushes on the arm from outside, without its weight and load (3,), in the world [N]."""
+        return self.push_n + self.contact_n
 
 
 class Twin:
@@ -118,11 +133,13 @@ class Twin:
         """Undeformed length of the arm [m]."""
         return self._length
 
+    def _since(self, state: TwinState) -> float:
+        """Time after the begin of control [s], -inf before it."""
+        return -math.inf if state.start_tick is None else (state.tick - state.start_tick) * self.dt
+
     def _plant(self, state: TwinState) -> ArmPlant:
         """The arm with the payload that it carries in a state."""
-        if state.start_tick is None:
-            return self.plant
-        return self._plants[self.config.payload_changes.passed((state.tick - state.start_tick) * self.dt)]
+        return self._plants[self.config.payload_changes.passed(self._since(state))]
 
     def initial(self, pressure_pa: Array | None = None) -> TwinState:
         """Return the state at tick 0: at rest under constant pressures (n_u,) [Pa], none by default."""
@@ -153,7 +170,11 @@ class Twin:
             config.imu, self._imu_clock, state.imus, state.tick, imu, self._imu_rngs
         )
         reading = pneumatics.reading(config.regulator, state.air, self._air_rng)
-        seen = Observation(reading, seen_poses, seen_imus, plant.pose(state.arm, self._length, t))
+        since = self._since(state)
+        push = config.wrench.at(since)[3:] + (0.0 if state.push is None else state.push[3:])
+        contact = plant.contact_force(state.arm, t, since)
+        tip = plant.pose(state.arm, self._length, t)
+        seen = Observation(reading, seen_poses, seen_imus, tip, push, contact)
         return replaced(state, poses=poses, imus=imus), seen
 
     def _sampled(
@@ -202,6 +223,27 @@ class Twin:
         air = pneumatics.RegulatorState(pressure_pa=pressure_pa, target_pa=pressure_pa)
         return replace(state, arm=self.plant.at_pressures(state.arm, pressure_pa), air=air)
 
+    def at_wrench(
+        self, state: TwinState, force_n: ArrayLike, torque_nm: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> TwinState:
+        """Return the state with a push at the tip, in the world, that stays until another one.
+
+        Parameters
+        ----------
+        state : TwinState
+        force_n, torque_nm : array_like (3,)
+            Force [N] and torque [N m].
+
+        Raises
+        ------
+        ModelError
+            If they are not three finite numbers each.
+        """
+        name = self.plant.arm.robot.name
+        torque, force = shaped(torque_nm, (3,), "torque_nm", name), shaped(force_n, (3,), "force_n", name)
+        push = finite(np.concatenate((torque, force)), "torque and force of a push")
+        return replaced(state, push=push if push.any() else None)
+
     def step_pressures(self, state: TwinState, pressure_pa: Array) -> TwinState:
         """Advance one tick with true chamber pressures (n_u,) [Pa gauge] from elsewhere.
 
@@ -219,7 +261,9 @@ class Twin:
     def _step(self, state: TwinState, air: pneumatics.RegulatorState) -> TwinState:
         start_pa, end_pa = state.air.pressure_pa, air.pressure_pa
         t = state.tick * self.dt
-        arm, status = self._plant(state).advance(state.arm, start_pa, end_pa, self.dt, t=t)
+        arm, status = self._plant(state).advance(
+            state.arm, start_pa, end_pa, self.dt, t=t, since=self._since(state), push=state.push
+        )
         return replaced(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
     def _breathe(
@@ -231,18 +275,25 @@ class Twin:
     ) -> TwinState:
         """Advance arm and air together; the valves move towards the targets of their regulators."""
         arm, status, plant = state.arm, OK, self._plant(state)
+        since = self._since(state)
         for span, target in spans:
             if status.ok and span > SHORTEST_S:
-                arm, status = plant.advance(arm, target, target, span, condition)
+                arm, status = plant.advance(
+                    arm, target, target, span, condition, since=since, push=state.push
+                )
+                since += span
         air = replace(air, pressure_pa=self.plant.pressures(arm))
         return replaced(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
     def _motion(self, state: TwinState, s: float) -> SectionMotion:
         """Pose, twist and acceleration of the cross-section at `s`."""
-        arm, q, qd = self._plant(state).arm, state.arm.q, state.arm.qd
+        plant, since = self._plant(state), self._since(state)
+        arm, q, qd = plant.arm, state.arm.q, state.arm.qd
         # Behind the states of creep and hysteresis there may be those of the air.
         internal = state.arm.internal[: arm.n_internal]
-        qdd = arm.forward_dynamics(q, qd, state.air.pressure_pa, internal=internal)
+        plant.move_wall(since)
+        wrench = plant.wrench(state.arm, state.tick * self.dt, since, state.push)
+        qdd = arm.forward_dynamics(q, qd, state.air.pressure_pa, wrench, internal)
         jacobian = arm.jacobian(q, s)
         # d/dt (J qd) = J qdd + Jdot qd, the second by a central difference along qd.
         h = 1e-6

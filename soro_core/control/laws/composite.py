@@ -230,6 +230,7 @@ class Composite(Law[CompositeState]):
             creep=belief.creep,
             covariance=belief.covariance[:n, :n],
             unmodelled=state.unmodelled,
+            stage="free" if belief.external is None else belief.external.stage,
         )
         return self.learner.step(learner, sample, dt)
 

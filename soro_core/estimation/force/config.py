@@ -15,8 +15,12 @@ class ForceConfig(Strict):
     pieces: int = Field(
         4, ge=1, le=16, description="pieces of each link of the model: a force at the tip bends it unevenly"
     )
-    low_pass_per_s: float = Field(
-        8.0, gt=0, le=1e3, description="low-pass of positions, pressures and motion [rad/s]"
+    low_pass_per_s: float = Field(8.0, gt=0, le=1e3, description="low-pass of the force that is told [rad/s]")
+    fast_per_s: float = Field(
+        25.0,
+        gt=0,
+        le=1e3,
+        description="low-pass of positions, pressures and motion, behind which a new force is seen [rad/s]",
     )
     gain_std: float = Field(
         0.03,
@@ -24,6 +28,13 @@ class ForceConfig(Strict):
         le=1,
         description="deviation of the common gain of all chambers, which free motion does not show; less "
         "once a known weight or push has shown it",
+    )
+    model_std_pa: float = Field(
+        100.0,
+        ge=0,
+        le=1e9,
+        description="deviation of the model from the arm, play and bias of readings included, as a pressure "
+        "in each chamber",
     )
     stiffness_std: float = Field(
         0.1,

@@ -16,9 +16,13 @@ from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
 from soro_core.estimation.force.config import ForceConfig
+from soro_core.estimation.force.stage import StageState, next_stage
 from soro_core.estimation.force.tip_balance import Measured, TipBalance, TipBalancer
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.model import SoftArm
+
+# Part of a unit of q for the difference quotient of a force.
+_STEP = 1e-5
 
 
 class Seen(NamedTuple):
@@ -61,7 +65,15 @@ class ForceState(NamedTuple):
         Mean time between two positions [s].
     measured : Measured or None
         All behind the low-pass; None before the first position.
+    q : ndarray (n_q,) or None
+        Estimated coordinates behind it.
     balance : TipBalance or None
+    force_n : ndarray (3,) or None
+        Its force behind a slower low-pass [N].
+    stage : StageState
+    held : tuple of ndarray (n_q,) and Learned, or None
+        The force that the filter's model lacks, beside that at the tip, to be where the arm is; and what is
+        learned with both. None while the arm is free.
     external : ExternalForce or None
         The estimate; None before the first.
     """
@@ -71,7 +83,11 @@ class ForceState(NamedTuple):
     passed_s: float = 0.0
     interval_s: float = 0.0
     measured: Measured | None = None
+    q: Array | None = None
     balance: TipBalance | None = None
+    force_n: Array | None = None
+    stage: StageState = StageState()
+    held: tuple[Array, Learned] | None = None
     external: ExternalForce | None = None
 
 
@@ -127,20 +143,40 @@ class ForceObserver:
         state = state._replace(due_s=now_s + self.config.period_s)
         if not seen:
             return state
+        start_s = state.passed_s
         for one in seen:
             state = self._passed(state, one)
         assert state.measured is not None
+        assert state.q is not None
         theta, learned = self._nothing, known.learned
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
-        measured = state.measured
-        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), measured.qd)
-        measured = measured._replace(force=measured.force + losses)
+        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), state.measured.qd)
+        measured = state.measured._replace(force=state.measured.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
             return ForceState(due_s=state.due_s)
-        covariance = self._covariance(balance, state, learned)
-        return state._replace(balance=balance, external=ExternalForce(balance.force_n.copy(), covariance))
+        dt, config = state.passed_s - start_s, self.config
+        part = max(-math.expm1(-config.low_pass_per_s * dt), dt / (state.passed_s + dt) if dt > 0.0 else 1.0)
+        slow = balance.force_n if state.force_n is None else state.force_n
+        slow = slow + part * (balance.force_n - slow)
+        noise, doubt = self._noise(balance), self._doubt(balance, measured, learned)
+        fast_part, slow_part = (
+            self._part(state, rate) for rate in (config.fast_per_s, config.low_pass_per_s)
+        )
+        covariance = slow_part * noise + doubt
+        stage = next_stage(
+            state.stage,
+            (balance.force_n, fast_part * noise + doubt),
+            (slow, covariance),
+            self.balancer.fine.tables.gravity,
+            dt,
+        )
+        held = None
+        if stage.stage != "free" and learned is not None:
+            held = self._held(state, learned, slow, s, part)
+        external = ExternalForce(slow, covariance, stage.stage, stage.stage != "contact")
+        return state._replace(balance=balance, force_n=slow, stage=stage, held=held, external=external)
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:
         """Return the state with one more position behind the low-pass."""
@@ -150,32 +186,74 @@ class ForceObserver:
         force = arm.damping_force(one.q, one.qd) + arm.internal_force(one.q, one.internal)
         new = Measured(one.position, one.pressure_pa, one.qd, qdd, force)
         passed_s = state.passed_s + dt
-        if state.measured is not None and dt > 0.0:
+        q = one.q
+        if state.measured is not None and state.q is not None and dt > 0.0:
             # At first a mean: the first position alone would count for the time of the low-pass.
-            part = max(-math.expm1(-self.config.low_pass_per_s * dt), dt / (passed_s + dt))
+            part = max(-math.expm1(-self.config.fast_per_s * dt), dt / (passed_s + dt))
+            q = state.q + part * (one.q - state.q)
             new = Measured(*(old + part * (x - old) for old, x in zip(state.measured, new, strict=True)))
         interval_s = state.interval_s + 0.1 * (dt - state.interval_s) if state.interval_s else dt
-        return state._replace(last=one, passed_s=passed_s, interval_s=interval_s, measured=new)
+        return state._replace(last=one, passed_s=passed_s, interval_s=interval_s, measured=new, q=q)
 
-    def _covariance(self, balance: TipBalance, state: ForceState, learned: Learned | None) -> Array:
-        """Return the covariance (3, 3) of the force [N^2]."""
-        config, measured, arm = self.config, state.measured, self.arm
-        assert measured is not None
-        rate, dt = config.low_pass_per_s, state.interval_s
-        part = max(0.5 * rate * dt, dt / (state.passed_s + dt) if dt > 0.0 else 1.0)
+    def _part(self, state: ForceState, rate: float) -> float:
+        """Return how much of the variance of one position a low-pass of this rate [rad/s] leaves."""
+        dt = state.interval_s
+        return max(0.5 * rate * dt, dt / (state.passed_s + dt)) if dt > 0.0 else 1.0
+
+    def _noise(self, balance: TipBalance) -> Array:
+        """Return the covariance (3, 3) by the noise of one position and one set of pressures [N^2]."""
         position = self.noise.position_m * balance.by_position
         pressure = self.noise.pressure_pa * balance.by_pressure
-        found = part * (position @ position.T + pressure @ pressure.T)
+        return np.asarray(position @ position.T + pressure @ pressure.T)
+
+    def _doubt(self, balance: TipBalance, measured: Measured, learned: Learned | None) -> Array:
+        """Return the covariance (3, 3) by what is not known of the arm [N^2]."""
+        config, arm = self.config, self.arm
         gain = config.gain_std * (balance.by_pressure @ arm.acting_pressure(measured.pressure_pa))
-        found += np.outer(gain, gain)
+        single = config.model_std_pa * balance.by_pressure
         doubt = None if learned is None else learned.doubt
         if doubt is None:
             q, scales = balance.x @ self.balancer.spread / config.pieces, self.force.scales
             load = mass_prior(arm)[0] * arm.tip_mass_force(q, measured.qd, measured.qdd)
             elastic = config.stiffness_std * scales.stiffness * scales.force * q
             doubt = np.diag(elastic**2) + np.outer(load, load)
-        found += balance.by_force @ doubt @ balance.by_force.T
+        found = np.outer(gain, gain) + single @ single.T + balance.by_force @ doubt @ balance.by_force.T
         return np.asarray(0.5 * (found + found.T))
+
+    def _held(
+        self, state: ForceState, learned: Learned, force_n: Array, s: float, part: float
+    ) -> tuple[Array, Learned]:
+        """Return what the model lacks beside a force at the tip where s is as measured, and all to be used.
+
+        Where the model has more coordinates than a position shows, they are nearest to the estimated ones.
+        """
+        arm, scales, q, measured = self.arm, self.force.scales, state.q, state.measured
+        one = state.last
+        assert q is not None
+        assert measured is not None
+        assert one is not None
+        for _ in range(2):
+            pose, jacobian = arm.pose_and_jacobian(q, s)
+            columns = pose[:3, :3] @ jacobian[3:] * scales.q
+            q = q + scales.q * np.linalg.lstsq(columns, measured.position - pose[:3, 3], rcond=None)[0]
+        # At rest: with the filter's own acceleration in it, the force would drive the filter.
+        still = np.zeros(arm.n_q)
+        asked = arm.gravity_force(q) + arm.elastic_force(q) + self.force.force(learned, q, still, still)
+        asked = asked + arm.internal_force(q, one.internal)
+        # The force at the tip keeps its direction while the arm turns under it.
+        of_tip, by_q = self._of_tip(q, force_n)
+        rest = arm.pressure_force(q, measured.pressure_pa) - asked + of_tip
+        if state.held is not None:
+            rest = state.held[0] + part * (rest - state.held[0])
+        return rest, learned.with_force(q, rest - of_tip, -by_q, scales)
+
+    def _of_tip(self, q: Array, force_n: Array) -> tuple[Array, Array]:
+        """Return the generalised force (n_q,) of a force at the tip, and its derivative (n_q, n_q)."""
+        arm = self.arm
+        steps = np.vstack([np.zeros(q.size), np.diag(_STEP * self.force.scales.q)])
+        found = [arm.pose_and_jacobian(q + step, arm.length) for step in steps]
+        forces = np.stack([jacobian[3:].T @ pose[:3, :3].T @ force_n for pose, jacobian in found])
+        return forces[0], (forces[1:] - forces[0]).T / (_STEP * self.force.scales.q)
 
 
 def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:

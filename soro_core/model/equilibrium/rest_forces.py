@@ -25,11 +25,14 @@ class RestForces:
         Gauge pressures [Pa].
     added_tip_mass : float
         Mass at the tip beside that of the robot [kg].
+    wrench : ndarray, optional
+        As in `SoftArm.forward_dynamics`, checked.
     """
 
     arm: SoftArm
     pressure_pa: Array
     added_tip_mass: float = 0.0
+    wrench: Array | None = None
 
     @property
     def outside(self) -> bool:
@@ -43,7 +46,7 @@ class RestForces:
         ----------
         q : (n_q,)
         pressures, outside : float
-            Shares of the pressures, and of contact and the held tip, that act.
+            Shares of the pressures and wrenches, and of contact and the held tip, that act.
         """
         arm = self.arm
         force = arm.gravity_force(q) + arm.elastic_force(q)
@@ -51,8 +54,10 @@ class RestForces:
         if self.added_tip_mass:
             none = np.zeros(arm.n_q)
             force += self.added_tip_mass * arm.mass_regressor(q, none, none, none)[:, 0]
-        if self.outside and outside:
-            force -= outside * arm.external_forces(q).generalised
+        held = arm.external_forces(q).generalised if self.outside else np.zeros(arm.n_q)
+        force -= outside * held
+        if self.wrench is not None:
+            force -= pressures * (arm.external_forces(q, wrench=self.wrench).generalised - held)
         return np.asarray(force)
 
     def stiffness(self, q: Array, outside: float = 1.0) -> Array:

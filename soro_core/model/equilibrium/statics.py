@@ -9,7 +9,16 @@ from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
-from soro_core.model.checks import finite, listed, note_range, number, refuse_push, require, shaped
+from soro_core.model.checks import (
+    finite,
+    flat_wrench,
+    listed,
+    note_range,
+    number,
+    refuse_push,
+    require,
+    shaped,
+)
 from soro_core.model.equilibrium.continuation import follow
 from soro_core.model.equilibrium.rest_forces import RestForces
 from soro_core.model.equilibrium.settle import settle
@@ -41,22 +50,29 @@ def equilibrium(
     pressure: ArrayLike,
     start: ArrayLike | None = None,
     added_tip_mass: float = 0.0,
+    *,
+    tension: ArrayLike | None = None,
+    wrench: ArrayLike | None = None,
 ) -> Array:
     """Coordinates at rest under constant pressures, creep and hysteresis relaxed; contact without friction.
 
     Where contact or a held tip lets the search fail, it follows the equilibrium while these forces grow from
     a millionth of theirs to all. Where the search from the straight arm fails or ends at an unstable
-    equilibrium, it follows the branch from rest without pressure while the pressures grow.
+    equilibrium, it follows the branch from rest without pressure while pressures, tensions and wrenches grow.
 
     Parameters
     ----------
     arm : SoftArm
     pressure : array_like of shape (n_u,)
-        Of the chambers [Pa gauge], then tensions of the tendons [N].
+        Of the chambers [Pa gauge]; without `tension` the tensions of tendons stand behind them.
     start : array_like of shape (n_q,), optional
         Where the search starts, and which equilibrium it finds; default straight.
     added_tip_mass : float
         Mass at the tip beside that of the robot [kg].
+    tension : array_like of shape (n_tendons,), optional
+        Tensions of the tendons [N], 0 or more; `pressure` is then that of the chambers alone.
+    wrench : (6,) or (n_wrenches, 6), optional
+        Wrenches that turn with their sections, as in `SoftArm.forward_dynamics`; default none.
 
     Returns
     -------
@@ -66,19 +82,19 @@ def equilibrium(
     ------
     ModelError
         If an argument is not allowed, or no equilibrium is found from there; as a `NoBalanceError` where the
-        branch from rest ends before these pressures.
+        branch from rest ends before these inputs.
 
     Notes
     -----
     A line in the log of soro_core names pressures beyond the range of the robot, as in `simulate`.
     """
-    forces = _forces(arm, pressure, added_tip_mass)
+    forces = _forces(arm, pressure, added_tip_mass, tension, wrench)
     p, name = forces.pressure_pa, arm.robot.name
     if start is not None:
         q, failure = _near(forces, finite(shaped(start, (arm.n_q,), "start", name), "start"))
     else:
         q, failure = _near(forces, np.zeros(arm.n_q))
-        if p.any() and (failure or not forces.is_stable(q)):
+        if (p.any() or forces.wrench is not None) and (failure or not forces.is_stable(q)):
             q, failure = _from_rest(forces, q, failure)
     if failure:
         cure = "start the search nearer to it (start), or lower the load"
@@ -167,11 +183,23 @@ def carried_share(arm: SoftArm, pressure: ArrayLike, wrench: ArrayLike | None = 
     return branch.share if branch.is_whole else 1.0
 
 
-def _forces(arm: SoftArm, pressure: ArrayLike, added_tip_mass: float) -> RestForces:
+def _forces(
+    arm: SoftArm,
+    pressure: ArrayLike,
+    added_tip_mass: float,
+    tension: ArrayLike | None = None,
+    wrench: ArrayLike | None = None,
+) -> RestForces:
     """Return what acts on an arm, of arguments that are allowed."""
     require(arm, SoftArm, "arm", "a SoftArm")
-    p = finite(shaped(pressure, (arm.n_u,), "pressure", arm.robot.name), "pressure")
-    refuse_push(arm.robot, p, "pressure")
+    name, n = arm.robot.name, 0 if tension is None else len(arm.robot.tendons)
+    p = finite(shaped(pressure, (arm.n_u - n,), "pressure", name), "pressure")
+    if tension is not None:
+        p = np.concatenate((p, finite(shaped(tension, (n,), "tension", name), "tension")))
+    refuse_push(arm.robot, p, "pressure" if tension is None else "tension")
+    if wrench is not None:
+        finite(flat_wrench(arm.robot, wrench), "wrench")
+        wrench = np.array(wrench, dtype=np.float64)
     least = 0.0 - arm.robot.tip_mass  # what is there may be taken away
     if not least <= number(added_tip_mass) < math.inf:
         allowed = f"a mass [kg] of {least:g} or more"
@@ -179,7 +207,7 @@ def _forces(arm: SoftArm, pressure: ArrayLike, added_tip_mass: float) -> RestFor
             f"added_tip_mass: got {short(added_tip_mass)}; allowed is {allowed}", "added_tip_mass"
         )
     note_range(arm.robot, p, "equilibrium")
-    return RestForces(arm, p, number(added_tip_mass))
+    return RestForces(arm, p, number(added_tip_mass), wrench)
 
 
 def _from_rest(forces: RestForces, found: Array, failure: str) -> tuple[Array, str]:
@@ -196,9 +224,11 @@ def _from_rest(forces: RestForces, found: Array, failure: str) -> tuple[Array, s
         return branch.q, "the arm moves too far on the way there from no pressure"
     if branch.share < 1.0:
         reached = p - (1.0 - branch.share) * arm.acting_pressure(p)
+        share = "" if forces.wrench is None else f" with {100.0 * branch.share:.3g} % of the wrench"
         raise NoBalanceError(
             f"no equilibrium at pressures {listed(p)} Pa of {arm.robot.name}: no balance beyond"
-            f" {listed(reached)} Pa, on the way there from no pressure; lower the pressures or the load",
+            f" {listed(reached)} Pa{share}, on the way there from no pressure; lower the pressures or the"
+            " load",
             tuple(float(one) for one in reached),
         )
     return _search(forces, 1.0, branch.q)

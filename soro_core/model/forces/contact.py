@@ -4,7 +4,7 @@ With the depth d, the normal n out of the obstacle and the velocity u of the poi
 max(0, 1 - c n.u) ([HC75] with exponent 1): continuous, zero where the contact opens, never pulling. With
 the slip v = u - n n.u, friction is -mu N v / sqrt(|v|^2 + v_s^2): smooth through rest and dissipative
 always; under a load below its limit the point creeps at less than some v_s. A row of obstacles: point or
-centre, normal, k, c, mu, v_s, radius (below 0: a plane).
+centre, normal, k, c, mu, v_s, radius (below 0: a plane), velocity of the obstacle, which u is relative to.
 """
 
 from __future__ import annotations

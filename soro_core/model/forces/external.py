@@ -100,7 +100,7 @@ def _touch(w: Work, obstacle: Array, radius: float) -> float:
     """Depth in an obstacle of the round section at the place.
 
     Where it is above 0, w.points has NORMAL, in the world, TOUCH, the point of the section that touches, seen
-    from the base of the link, and its POSITION and VELOCITY in the world.
+    from the base of the link, its POSITION in the world, and its VELOCITY seen from the obstacle.
     """
     R, p, V = w.site_rotation[LINK_BASE], w.site_position[LINK_BASE], w.site_vectors[SITE_TWIST]
     ps, x, u = w.site_position[SITE], w.points[POSITION], w.points[VELOCITY]
@@ -111,6 +111,8 @@ def _touch(w: Work, obstacle: Array, radius: float) -> float:
         for r in range(3):
             c[r] = ps[r] - radius * (R[0, r] * n[0] + R[1, r] * n[1] + R[2, r] * n[2])
         move_point(R, p, c, V, x, u)
+        for r in range(3):
+            u[r] -= obstacle[11 + r]
     return depth
 
 

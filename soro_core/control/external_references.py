@@ -189,8 +189,9 @@ class GivenReferences:
         q = reference_ahead(self.bounds, state.following, 0.0).q if before is None else before.q
         supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
         check_force(supply, stiffness, q, push)
-        zero = np.zeros(3) if before is None else before.zero_n
-        return Press(q, push / size, size, felt.copy() if config.tare else zero)
+        if before is not None:  # it touches something perhaps, and does not begin
+            return Press(q, push / size, size, before.zero_n)
+        return Press(q, push / size, size, felt.copy() if config.tare else np.zeros(3))
 
     def lookout(self, law_state: object, start: Array) -> Lookout | None:
         """Return what looks out for the obstacles that the robot file knows; None where it knows none.

@@ -108,11 +108,11 @@ class PressJob(Job):
         """Return the state of the press after a tick at time `t` [s], and what is to be said of it."""
         press, loop = self.press, state.force
         assert press is not None
-        if loop.felt_n is None:
+        if loop.felt is None:
             return LOST, "no estimate of the force: is the tip measured?"
         part = min(max(t - self.mean_s, 0.0) / _MEAN_S, 1.0)
         self.mean_s = t
-        self.pressed_n += part * (press.pressed_n(loop.felt_n) - self.pressed_n)
+        self.pressed_n += part * (press.pressed_n(loop.felt) - self.pressed_n)
         if loop.phase == "stopped":
             return LOST, f"no contact within {self.force.approach_s:g} s (force.approach_s), the tip is stopped"
         allowed = max(_REACHED_PART * press.force_n, _REACHED_N)

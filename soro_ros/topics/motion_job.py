@@ -23,8 +23,9 @@ REACHED, REFUSED, LOST, REPLACED, VENTED = "reached", "refused", "lost", "replac
 _REPORT_S = 0.1
 # Error of a force that is reached: a part of it, and least one [N]; that of one that is lost, as multiples of it.
 _REACHED_PART, _REACHED_N, _LOST = 0.02, 0.0015, 5.0
-# Time constant of the mean of a force, and time for which it stays reached or lost until that is said [s].
-_MEAN_S, _STAYS_S = 0.2, 0.5
+# Time constant of the mean of a force, time for which it stays reached or lost until that is said, and time after
+# the touch within which it must be reached [s].
+_MEAN_S, _STAYS_S, _SETTLES_S = 0.2, 0.5, 5.0
 
 
 @dataclass
@@ -126,7 +127,7 @@ class PressJob(Job):
                 return LOST, f"the force is {1e3 * self.pressed_n:.1f} mN, {_wanted(press)}"
         elif self.within_s is not None and t - self.within_s > _STAYS_S:
             return REACHED, f"presses with {1e3 * self.pressed_n:.1f} mN"
-        elif self.contact_s is not None and t - self.contact_s > self.force.approach_s:
+        elif self.contact_s is not None and t - self.contact_s > _SETTLES_S:
             saturated = f": {state.watch.saturated}" if state.watch.saturated else ""
             return LOST, f"the force is {1e3 * self.pressed_n:.1f} mN, {_wanted(press)}{saturated}"
         return self.state, "" if self.state == REACHED else "in contact" if touches else "approaches"

@@ -1,7 +1,8 @@
 """The loop of the force at the tip, around any law: hybrid control of force and position.
 
-A tip that presses moves along its direction d at the approach speed until it touches something. From then on its
-reference along d is the tip itself, with its speed, so that the law holds it there with no force, and the push
+A tip that presses moves along its direction d at the approach speed until it touches something. From then on
+its reference along d is the tip itself, with its speed, so that the law holds it there without force, and the
+push
 
     J' d (f + z),        dz/dt = rate_per_s (f delayed - F),
 
@@ -9,8 +10,8 @@ is added to the force that the law asks for: f goes from the force at the touch 
 estimated force. Across d the reference stays. (Raibert and Craig, Hybrid position/force control of
 manipulators, 1981; the integral as in Siciliano and Villani, Robot Force Control, 1999.)
 
-The cap does the same to any other reference: while the force is near it, the reference along the force is the tip,
-and f is what the way of the reference into the wall would make, by the stiffness of the tip, at most the cap.
+The cap does the same to any other reference: while the force is near it, the reference along the force is the
+tip, and f is what the way of the reference into the wall would make by the stiffness of the tip, or the cap.
 """
 
 from __future__ import annotations
@@ -30,8 +31,8 @@ from soro_core.frozen import replaced
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
 
-# Part of the goal from which on the tip touches something, at most so much [N]; and the part of this force below
-# which it has left.
+# Part of the goal from which on the tip touches something, at most so much [N]; and the part of this force
+# below which it has left.
 _TOUCH, _MOST_TOUCH_N, _LEAVES = 0.3, 0.015, 0.3
 # How far the reference of an approach may be ahead of the tip [m]: out of reach the tip does not follow.
 _MOST_AHEAD_M = 0.006
@@ -172,7 +173,7 @@ class ForceLoop:
             phase: Phase = "contact" if keeps else "" if press is None else "approach"
             state = replaced(state, press=press, phase=phase, approach_s=0.0)
         if press is None and not self.config.cap_n and not (state.moved.any() or state.wanted_n):
-            return state
+            return state if state.tip is None else replaced(state, tip=None)
         state = self._tracked(state, q, qd, dt)
         tip, speed, _ = self._tip(point.q, point.qd)
         if press is None:
@@ -290,7 +291,7 @@ class ForceLoop:
         dt: float,
         speed: Array | None = None,
     ) -> ForceLoopState:
-        """Return the state with the reference along `toward` at the tip itself, and the push on its way to `goal`."""
+        """Return the state with the reference along `toward` at the tip; the push goes to `goal`."""
         assert state.tip is not None
         wanted = goal + (state.wanted_n - goal) * float(np.exp(-dt / _PUSH_S))
         answer = wanted + (state.answer_n - wanted) * float(np.exp(-dt / _ANSWER_S))
@@ -331,7 +332,7 @@ class ForceLoop:
         )
 
     def _tracked(self, state: ForceLoopState, q: Array, qd: Array, dt: float) -> ForceLoopState:
-        """Return the state with the tip tracked, without lag at constant speed: a filter's rates are noisy."""
+        """Return the state with the tip tracked, without lag at constant speed; a filter's are noisy."""
         tip, speed, _ = self._tip(q, qd)
         if state.tip is None:
             return replaced(state, tip=tip, speed=speed)

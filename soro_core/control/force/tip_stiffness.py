@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
@@ -27,7 +28,7 @@ class TipStiffness:
     def __init__(self, arm: SoftArm) -> None:
         self.arm = arm
         ends = np.cumsum([0, *(len(link.chambers) for link in arm.robot.links)]).tolist()
-        self.chambers = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b > a]
+        self.chambers = [slice(a, b) for a, b in pairwise(ends) if b > a]
 
     @cached_property
     def fine(self) -> SoftArm:

@@ -180,7 +180,16 @@ class MotionReports:
             self.report(job, job.note, t, off_m)
 
     def judge_press(self, job: PressJob, state: ControllerState, t: float) -> None:
-        """Report progress of a press at time `t` [s], and once its force is there, or lost."""
+        """Report progress of a press, and once its force is there, or lost.
+
+        Parameters
+        ----------
+        job : PressJob
+        state : ControllerState
+            After a tick.
+        t : float
+            Its time [s].
+        """
         found, text = job.judge(state, t)
         if found != job.state:
             self.end(job, found, text, t)

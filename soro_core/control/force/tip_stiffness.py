@@ -51,7 +51,7 @@ class StiffnessAtTip:
         return float(slope @ np.linalg.solve(_stiffness(self.arm, q) + k_p, slope))
 
     def nonuniformity(self, q: Array, toward: Array) -> float:
-        """Return the compliance of links that a force at the tip bends non-uniformly, over that of uniform ones.
+        """Return the compliance of links bent non-uniformly by a force at the tip, over that of uniform ones.
 
         Parameters
         ----------

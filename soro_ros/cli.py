@@ -37,6 +37,7 @@ _GROUPS = {
         "identify": "soro_lab.commands.identify:identify",
         "doctor": "soro_ros.commands.doctor:doctor",
         "move": "soro_ros.commands.move:move",
+        "press": "soro_ros.commands.move:press",
     },
     "A running arm": {
         "vent": "soro_ros.commands.services:vent",

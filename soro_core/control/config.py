@@ -9,6 +9,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from soro_core.config import Floats, InnerError, Points, Strict
+from soro_core.control.force.force_config import ForceControlConfig
 from soro_core.control.laws.registry import find_law, with_folder
 from soro_core.control.motion_config import EnableBounds, MotionConfig
 from soro_core.control.passivity.adaptation_config import Adaptation
@@ -220,6 +221,9 @@ class ControllerConfig(Strict):
     pressures: AllocationConfig = Field(AllocationConfig(), description="allocation and regulators")
     reference: ReferenceConfig = Field(ReferenceConfig(), description="reference")
     motion: MotionConfig = Field(MotionConfig(), description="motions along paths of the tip")
+    force: ForceControlConfig = Field(
+        ForceControlConfig(), description="force at the tip: pressing, and its bound"
+    )
     check_at_enable: Literal["refuse", "warn", "off"] = Field(
         "refuse",
         description="what a finding of the checks before ~/enable does; samples that are not fresh refuse "

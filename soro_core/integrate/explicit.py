@@ -67,6 +67,8 @@ def explicit_step(
             # Known from the last step, or from a rejected one.
             assign(work.memory[LATEST], acceleration)
             continue
+        since = (part.begin / part.part + m.nodes[stage]) * part.step
+        t.external.clock[0] = t.external.clock[1] + since
         interpolate(held.pressure, part.begin + part.part * m.nodes[stage], work.stage_pressure)
         move_base(t.base, t, work.stage_pressure)
         code = forward_dynamics(t, work.model, end, work.stage_pressure, held.wrench, acceleration)
@@ -134,6 +136,7 @@ def explicit_run(
         h = times[k + 1] - times[k]
         held, end = StepInput(p, wrench), ArmState(q[k + 1], v[k + 1], z[k + 1])
         assign_state(ArmState(q[k], v[k], z[k]), start)
+        t.external.clock[1] = times[k] - times[0]
         done, tries = 0.0, 0
         while done < h:
             left = h - done

@@ -100,7 +100,7 @@ def implicit_step(
 
     Writes the acceleration of the last stage to `work.acceleration`.
     """
-    work = run.work
+    work, clock = run.work, run.tables.external.clock
     h, damped = size
     x = work.acceleration
     first, behind = (m.own, m.stages.shape[0]) if damped > 0.0 else (0, m.own)
@@ -114,12 +114,14 @@ def implicit_step(
         if stage < first:
             # The acceleration at the start: M x = forces, linear in x.
             equation = StageEquation(0.0, 0.0, 0.0, math.inf, 1)
+            clock[0] = clock[1]
             assign(work.pressure[0], work.command)
             assign(start.q, work.q_base)
             assign(start.v, work.v_base)
             clear(x)
         else:
             c = stage_of(m.stages, stage)
+            clock[0] = clock[1] + c.place * h
             sweeps = 2 if m.linear and guessed and stage == first else 1
             equation = StageEquation(c.c_q * h * h, c.c_v * h, c.span * h, m.tolerance, sweeps)
             interpolate(work.pressure, c.place, work.command)
@@ -185,6 +187,7 @@ def implicit_run(
         done, part, damped = 0.0, 1.0, NO
         while done < 1.0:
             h = part * (times[k + 1] - times[k])
+            run.tables.external.clock[1] = times[k] - times[0] + done * (times[k + 1] - times[k])
             for i in range(3):
                 interpolate(row, done + 0.5 * i * part, work.pressure[i])
             code = implicit_step(m, outside, run, StepSize(h, damped), start, end)

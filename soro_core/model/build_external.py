@@ -98,6 +98,7 @@ def external_table(robot: Robot, sites: list[tuple[int, Site]], n_q: int) -> Ext
         rest=np.array([site.rest for site in places], dtype=np.float64).reshape(n, 2, 6),
         radius=np.array(radius, dtype=np.float64),
         obstacles=_obstacles(robot),
+        clock=np.zeros(2),
         held=_held(robot),
     )
 

@@ -34,6 +34,9 @@ class External(NamedTuple):
     obstacles: Array
     """Rows as in `soro_core.model.forces.contact`, (n_obstacles, 14): an array, so that the
     twin can move a wall of its own tables."""
+    clock: Array
+    """Time for which obstacles have moved from their points [s]: at a stage, and at the start of its step; a
+    run counts it from its begin, and only obstacles with a velocity see it. (2,)."""
     held: Array
     """Place where the tip is held, stiffness [N/m] and damping [N s/m] along each axis of the world: (9,)."""
 

@@ -158,7 +158,8 @@ class ArmPlant:
         """Put the wall where it is at a time after the begin of control [s], for what `arm` tells next."""
         contacts = self.arm.robot.contacts
         if self._wall is not None and contacts is not None:
-            row = self.arm.tables.external.obstacles[len(contacts.planes) - 1]
+            external = self.arm.tables.external
+            row, external.clock[:] = external.obstacles[len(contacts.planes) - 1], 0.0
             row[:3], row[11:] = self._wall.at(since)
 
     def advance(
@@ -174,8 +175,8 @@ class ArmPlant:
     ) -> tuple[State, Status]:
         """Advance by `dt` while the pressures change linearly.
 
-        A push and a wall are held over each of the equal steps, as they are in its middle; the push keeps the
-        direction in the world that it has with the arm at the start of the step.
+        A push is held over each of the equal steps: its value in the middle, in the direction in the world
+        that it has with the arm at the start.
 
         Parameters
         ----------
@@ -206,9 +207,8 @@ class ArmPlant:
         for k in range(steps):
             middle = start_pa + (end_pa - start_pa) * ((k + 0.5) / steps)
             at = t + k * dt / steps
-            half = since + (k + 0.5) * dt / steps
-            self.move_wall(half)
-            wrench = self.wrench(state, at, half, push)
+            self.move_wall(since + k * dt / steps)
+            wrench = self.wrench(state, at, since + (k + 0.5) * dt / steps, push)
             state, status = self._stepper.step(state, middle, dt / steps, wrench, condition, at)
             if not status.ok:
                 break

@@ -96,5 +96,5 @@ class Wall(Strict):
         """Point [m] and velocity [m/s] in the world, `t` seconds after the begin of control."""
         moved = min(max(t, self.from_s), self.to_s) - self.from_s
         speed = np.array(self.velocity_m_s)
-        is_moving = self.from_s <= t < self.to_s
+        is_moving = self.from_s <= t + SAME_S < self.to_s
         return np.array(self.point) + moved * speed, speed if is_moving else np.zeros(3)

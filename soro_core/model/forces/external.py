@@ -96,8 +96,8 @@ def _visit(t: Tables, w: Work, wrench: Array, motion: Motion, factors: TangentFa
 
 
 @inner
-def _touch(w: Work, obstacle: Array, radius: float) -> float:
-    """Depth in an obstacle of the round section at the place.
+def _touch(w: Work, obstacle: Array, radius: float, moving: float) -> float:
+    """Depth of the round section at the place in an obstacle that has been `moving` for some seconds.
 
     Where it is above 0, w.points has NORMAL, in the world, TOUCH, the point of the section that touches, seen
     from the base of the link, its POSITION in the world, and its VELOCITY seen from the obstacle.
@@ -106,6 +106,8 @@ def _touch(w: Work, obstacle: Array, radius: float) -> float:
     ps, x, u = w.site_position[SITE], w.points[POSITION], w.points[VELOCITY]
     n, c = w.points[NORMAL], w.points[TOUCH]
     move_point(R, p, ps, V, x, u)
+    for r in range(3):
+        x[r] -= obstacle[11 + r] * moving
     depth = radius - gap(obstacle, x, n)
     if depth > 0.0:
         for r in range(3):
@@ -130,7 +132,7 @@ def _add_force(t: Tables, w: Work, i: int, k: int, wrench: Array, tau: Array) ->
     clear(total)
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            depth = _touch(w, e.obstacles[o], e.radius[k])
+            depth = _touch(w, e.obstacles[o], e.radius[k], e.clock[0])
             if depth > 0.0:
                 clear(F)
                 add_force(e.obstacles[o], depth, n, u, F)
@@ -167,7 +169,7 @@ def _add_tangent(t: Tables, w: Work, i: int, k: int, factors: TangentFactors) ->
     u, n = w.points[VELOCITY], w.points[NORMAL]
     if e.kind[k] == CONTACT:
         for o in range(e.obstacles.shape[0]):
-            depth = _touch(w, e.obstacles[o], e.radius[k])
+            depth = _touch(w, e.obstacles[o], e.radius[k], e.clock[0])
             if depth > 0.0:
                 clear_matrix(K)
                 add_tangent(e.obstacles[o], depth, n, u, factors, K)

@@ -106,7 +106,7 @@ def test_before_control_begins_nothing_pushes(robot):
 def test_a_wall_carries_the_tip_along_at_its_speed(robot, integrator):
     """A stiff wall that comes with 10 mm/s: it meets the tip, and the tip stays on its face."""
     speed = (0.01 * NORMAL).tolist()
-    wall = wall_at(robot, 2e-3, damping=10.0, velocity_m_s=speed, from_s=0.1, to_s=1.1)
+    wall = wall_at(robot, 2e-3, damping=1.0, velocity_m_s=speed, from_s=0.1, to_s=1.1)
     twin = twin_of(robot, wall=wall, integrator=integrator)
     states = run(twin, 1.6)
     seen = [twin.observe(state)[1] for state in states]
@@ -114,12 +114,12 @@ def test_a_wall_carries_the_tip_along_at_its_speed(robot, integrator):
     forces = np.array([one.contact_n for one in seen])
     for tick, moved in ((160, 7e-3), (-1, 10e-3)):
         force = forces[tick] @ NORMAL
-        assert force > 0.05
+        assert force > 0.03
         face = np.array(wall["point"]) + moved * NORMAL
         gap = NORMAL @ (seen[tick].tip[:3, 3] - face)
         assert gap == pytest.approx(robot.links[-1].radius - force / STIFFNESS, abs=1e-9)
-    late = forces[140:] @ NORMAL
-    assert np.abs(np.diff(late)).max() < 0.02 * late.max()  # it does not chatter
+    late = forces[100:220] @ NORMAL
+    assert 0.0 < np.diff(late).max() < 0.02 * late.max()  # it does not chatter
     q, arm = states[-1].arm.q, twin.plant.arm
     left = arm.gravity_force(q) + arm.elastic_force(q) - arm.pressure_force(q, PRESSURE)
     pushed = arm.external_forces(q).generalised

@@ -37,9 +37,9 @@ _GROUPS = {
         "identify": "soro_lab.commands.identify:identify",
         "doctor": "soro_ros.commands.doctor:doctor",
         "move": "soro_ros.commands.move:move",
-        "press": "soro_ros.commands.move:press",
     },
     "A running arm": {
+        "press": "soro_ros.commands.move:press",
         "vent": "soro_ros.commands.services:vent",
         "reset": "soro_ros.commands.services:reset",
         "enable": "soro_ros.commands.services:enable",

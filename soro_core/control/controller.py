@@ -233,8 +233,7 @@ class Controller(GivenReferences):
         preview_s = self.pressures.preview_s
         point = reference_ahead(self.bounds, following, 0.0)
         external = None if certainty is None else certainty.external
-        felt_n = None if external is None else external.force_n
-        force = self.force_loop.step(state.force, following.wanted, point, q, qd, felt_n, dt)
+        force = self.force_loop.step(state.force, following.wanted, point, q, qd, external, dt)
 
         def later(time_s: float) -> Point:
             return self.force_loop.moved_point(
@@ -257,7 +256,7 @@ class Controller(GivenReferences):
             creep=state.creep,
             pressure_pa=measured,
             saturated=state.saturated,
-            external=external,
+            external=self.force_loop.told(force),
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:

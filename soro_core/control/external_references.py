@@ -188,7 +188,7 @@ class GivenReferences:
         if config.cap_n and size > config.cap_n:
             allowed = f"at most the cap, {1e3 * config.cap_n:g} mN (force.cap_n)"
             raise ConfigError("press", "force", f"{1e3 * size:g} mN", allowed)
-        felt = state.force.felt_n
+        felt = state.force.felt
         if felt is None or state.following is None:
             raise ConfigError("press", "force", "no estimate of it", "an arm in control whose tip is measured")
         stiffness = self.force_loop.stiffness
@@ -198,7 +198,7 @@ class GivenReferences:
         check_force(supply, stiffness, q, push)
         if before is not None:  # it touches something perhaps, and does not begin
             return Press(q, push / size, size, before.zero_n)
-        return Press(q, push / size, size, felt.copy() if config.tare else np.zeros(3))
+        return Press(q, push / size, size, felt.force_n.copy() if config.tare else np.zeros(3))
 
     def lookout(self, law_state: object, start: Array) -> Lookout | None:
         """Return what looks out for the obstacles that the robot file knows; None where it knows none.

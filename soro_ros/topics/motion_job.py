@@ -23,8 +23,9 @@ REACHED, REFUSED, LOST, REPLACED, VENTED = "reached", "refused", "lost", "replac
 _REPORT_S = 0.1
 # Error of a force that is reached: a part of it, and least one [N]; that of one that is lost, as multiples of it.
 _REACHED_PART, _REACHED_N, _LOST = 0.02, 0.0015, 5.0
-# Time constant of the mean of a force, and time for which it stays reached or lost until that is said [s].
-_MEAN_S, _STAYS_S = 0.2, 0.5
+# Time constant of the mean of a force, time for which it stays reached or lost until that is said, and time after
+# the touch within which it must be reached [s].
+_MEAN_S, _STAYS_S, _SETTLES_S = 0.2, 0.5, 5.0
 
 
 @dataclass
@@ -108,11 +109,11 @@ class PressJob(Job):
         """Return the state of the press after a tick at time `t` [s], and what is to be said of it."""
         press, loop = self.press, state.force
         assert press is not None
-        if loop.felt_n is None:
+        if loop.felt is None:
             return LOST, "no estimate of the force: is the tip measured?"
         part = min(max(t - self.mean_s, 0.0) / _MEAN_S, 1.0)
         self.mean_s = t
-        self.pressed_n += part * (press.pressed_n(loop.felt_n) - self.pressed_n)
+        self.pressed_n += part * (press.pressed_n(loop.felt) - self.pressed_n)
         if loop.phase == "stopped":
             return LOST, f"no contact within {self.force.approach_s:g} s (force.approach_s), the tip is stopped"
         allowed = max(_REACHED_PART * press.force_n, _REACHED_N)
@@ -126,7 +127,7 @@ class PressJob(Job):
                 return LOST, f"the force is {1e3 * self.pressed_n:.1f} mN, {_wanted(press)}"
         elif self.within_s is not None and t - self.within_s > _STAYS_S:
             return REACHED, f"presses with {1e3 * self.pressed_n:.1f} mN"
-        elif self.contact_s is not None and t - self.contact_s > self.force.approach_s:
+        elif self.contact_s is not None and t - self.contact_s > _SETTLES_S:
             saturated = f": {state.watch.saturated}" if state.watch.saturated else ""
             return LOST, f"the force is {1e3 * self.pressed_n:.1f} mN, {_wanted(press)}{saturated}"
         return self.state, "" if self.state == REACHED else "in contact" if touches else "approaches"

@@ -20,6 +20,7 @@ from typing import Literal
 
 import numpy as np
 
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 from soro_core.control.force.force_config import ForceControlConfig
 from soro_core.control.force.press import Press
@@ -35,7 +36,7 @@ _TOUCH, _MOST_TOUCH_N, _LEAVES = 0.3, 0.015, 0.3
 # Part of the cap from which on the force is bounded.
 _NEAR = 0.5
 # Time constants [s]: of the tracked tip; of the push towards its goal; of the answer of arm and estimate.
-_TRACK_S, _PUSH_S, _ANSWER_S = 0.3, 0.12, 0.2
+_TRACK_S, _PUSH_S, _ANSWER_S = 0.5, 0.12, 0.2
 # Rate at which a pressure beyond its range moves the tip so that it is not [1/s].
 _RELIEF_PER_S = 3.0
 # Largest part of the goal that the integral adds.
@@ -69,8 +70,8 @@ class ForceLoopState:
         What makes of a push at the tip of uniform links the same of ones that it bends unevenly.
     wanted_n, answer_n, added_n : float
         f, f as the estimate is to show it, and z [N].
-    felt_n : ndarray (3,) or None
-        Estimated force on the arm [N]; None where it is not estimated.
+    felt : ExternalForce or None
+        Estimated force on the arm; None where it is not estimated.
     """
 
     press: Press | None
@@ -88,7 +89,7 @@ class ForceLoopState:
     wanted_n: float = 0.0
     answer_n: float = 0.0
     added_n: float = 0.0
-    felt_n: Array | None = None
+    felt: ExternalForce | None = None
 
     @property
     def push_n(self) -> Array:
@@ -137,7 +138,7 @@ class ForceLoop:
         point: Point,
         q: Array,
         qd: Array,
-        felt_n: Array | None,
+        felt: ExternalForce | None,
         dt: float,
     ) -> ForceLoopState:
         """Return the state after a tick.
@@ -151,12 +152,12 @@ class ForceLoop:
             The reference in force, not moved.
         q, qd : ndarray (n_q,)
             Estimated coordinates and rates.
-        felt_n : ndarray (3,) or None
-            Estimated force on the arm at the tip, in the world [N]; None where it is not estimated.
+        felt : ExternalForce or None
+            Estimated force on the arm at the tip; None where it is not estimated.
         dt : float
             Time since the last tick [s].
         """
-        state = replaced(state, felt_n=felt_n)
+        state = replaced(state, felt=felt)
         press = wanted if isinstance(wanted, Press) else None
         if press is not state.press:
             keeps = press is not None and state.phase == "contact"
@@ -179,6 +180,12 @@ class ForceLoop:
         shift = state.shift + time_s * state.shift_rate
         return Point(point.q + shift, point.qd + state.shift_rate, point.qdd)
 
+    def told(self, state: ForceLoopState) -> ExternalForce | None:
+        """Return the estimated force as the law is told: what the tip presses on is known to be no load."""
+        if state.felt is None or state.phase != "contact":
+            return state.felt
+        return replaced(state.felt, stage="contact", mass_free=False)
+
     def push(self, state: ForceLoopState, q: Array) -> Array:
         """Return the generalised force (n_q,) of the push at coordinates (n_q,)."""
         if not state.wanted_n:
@@ -189,10 +196,10 @@ class ForceLoop:
     def _pressed(self, state: ForceLoopState, press: Press, tip: Array, dt: float) -> ForceLoopState:
         """Return the state with the reference of a press moved."""
         config, direction = self.config, press.direction
-        if state.felt_n is None or state.phase == "stopped":
+        if state.felt is None or state.phase == "stopped":
             return self._released(replaced(state, rate=np.zeros(3)), dt)
         goal = min(press.force_n, config.cap_n or np.inf)
-        pressed = press.pressed_n(state.felt_n)
+        pressed = press.pressed_n(state.felt)
         touch = min(_TOUCH * goal, _MOST_TOUCH_N)
         across = state.moved - (direction @ state.moved) * direction
         back = _fade(across, config.approach_speed_m_s, dt)
@@ -212,10 +219,10 @@ class ForceLoop:
     ) -> ForceLoopState:
         """Return the state under the cap, for a reference with the tip there at that speed."""
         cap = self.config.cap_n
-        force = 0.0 if state.felt_n is None else float(np.linalg.norm(state.felt_n))
+        force = 0.0 if state.felt is None else float(np.linalg.norm(state.felt.force_n))
         back = _fade(state.moved, self.config.follow_speed_m_s, dt)
-        if cap and state.felt_n is not None and state.tip is not None:
-            toward = -state.felt_n / max(force, 1e-9)
+        if cap and state.felt is not None and state.tip is not None:
+            toward = -state.felt.force_n / max(force, 1e-9)
             into = float(toward @ (tip - state.tip))
             if into > 0.0 and force > _NEAR * cap * (_LEAVES if state.phase == "contact" else 1.0):
                 if state.phase != "contact":
@@ -235,6 +242,7 @@ class ForceLoop:
             wanted_n=force,
             answer_n=force,
             added_n=0.0,
+            speed=np.zeros(3),  # of a wall that rests
             scale=self.stiffness.unevenness(q, toward),
             by_common=self.stiffness.by_common_pressure(q),
         )

@@ -7,8 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 from soro_core.control.reference.trajectory import Hold, Point, Reference
+
+# Deviations of a force, as parts of the wanted one: along the direction, where any may come, and across it.
+_ALONG, _ACROSS = 30.0, 0.3
 
 
 @dataclass(frozen=True)
@@ -41,9 +45,16 @@ class Press(Reference):
         """Return where it begins, at rest."""
         return Hold(self.q).sample(t)
 
-    def pressed_n(self, felt_n: Array) -> float:
-        """Return the force along the direction [N] with an estimated force (3,) on the arm."""
-        return float(self.direction @ (self.zero_n - felt_n))
+    def pressed_n(self, felt: ExternalForce) -> float:
+        """Return the force along the direction [N] that is most likely, with an estimated force on the arm.
+
+        What pushes back does so within a cone about the direction. The estimate is very doubtful along the
+        backbone, and without the cone that doubt would reach every direction that is not square to it.
+        """
+        along = np.outer(self.direction, self.direction)
+        cone = self.force_n**2 * (_ALONG**2 * along + _ACROSS**2 * (np.eye(3) - along))
+        likely = cone @ np.linalg.solve(cone + felt.covariance, felt.force_n - self.zero_n)
+        return -float(self.direction @ likely)
 
     def is_repeated_by(self, other: Reference, t: float) -> bool:
         """Whether `other` presses alike from the same place."""

@@ -41,8 +41,9 @@ def check_force(supply: PressureSupply, stiffness: TipStiffness, q: Array, push_
         worst = int(np.argmax(need - high))
         if need[worst] > high[worst]:
             name = supply.arm.robot.chamber_names[of_link.start + worst]
-            got = f"{1e3 * np.linalg.norm(push_n):.0f} mN, for which {name} needs {1e-3 * need[worst]:.0f} kPa"
-            allowed = f"a force for {1e-3 * low[worst]:g} to {1e-3 * high[worst]:g} kPa"
+            allowed = f"what {1e-3 * low[worst]:g} to {1e-3 * high[worst]:g} kPa make"
+            allowed = f"{allowed}; {name} would need {1e-3 * need[worst]:.0f} kPa"
+            got = f"{1e3 * np.linalg.norm(push_n):g} mN"
             raise ConfigError("press", "force", got, allowed)
 
 

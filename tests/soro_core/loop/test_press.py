@@ -14,7 +14,7 @@ RADIUS_M, BEGIN_S = 0.013, 7.0
 PLACE = np.array([0.012, 0.0, 0.068])
 
 
-def scene_with(tilt_deg=0.0, stiffness=2000.0, friction=0.3, moves_m_s=0.0, **force):
+def scene_with(tilt_deg=0.0, stiffness=2000.0, friction=0.3, moves_m_s=0.0, platform="", **force):
     """The circling arm beside a wall that the circle does not touch."""
     tilt = np.deg2rad(tilt_deg)
     normal = -np.array([np.cos(tilt), 0.0, np.sin(tilt)])
@@ -30,7 +30,7 @@ def scene_with(tilt_deg=0.0, stiffness=2000.0, friction=0.3, moves_m_s=0.0, **fo
         "to_s": BEGIN_S + 3.0,
     }
     keys = {
-        "platform": "",
+        "platform": platform,
         "twin.payload_kg": 0.0,
         "twin.wall": wall,
         "controller.reference": {"curvature_per_m": 4.0, "start_s": 2.0},
@@ -71,3 +71,64 @@ def off(times, force, goal, since_s):
     """Largest error of the force [N], from a time after the touch on."""
     touch = times[np.argmax(force > 1e-3)]
     return np.max(np.abs(force[times > touch + since_s] - goal))
+
+
+@pytest.mark.parametrize(
+    ("goal", "keys"),
+    [
+        (0.05, {}),
+        (0.1, {"stiffness": 200.0, "friction": 0.8}),
+    ],
+)
+def test_a_press_is_near_its_force_after_1_2_s_and_at_it_after_2_s(goal, keys):
+    times, force, _ = run(scene_with(**keys), 4.0, pressing(goal))
+    assert off(times, force, goal, 1.2) < 0.1 * goal
+    assert off(times, force, goal, 2.0) < max(0.02 * goal, 1.5e-3)
+    assert np.max(force) < goal + max(0.1 * goal, 3e-3)
+
+
+def test_a_press_follows_a_wall_that_moves():
+    times, force, _ = run(scene_with(moves_m_s=-0.01), 5.0, pressing(0.05))
+    assert off(times, force, 0.05, 2.0) < 0.005
+
+
+def test_the_cap_bounds_the_force_of_a_reference_behind_the_wall():
+    def behind(controller, state):
+        return controller.tip(state, PLACE + [0.008, 0.0, 0.0])
+
+    free = run(scene_with(), 3.0, behind)[1]
+    times, force, _ = run(scene_with(cap_n=0.04), 3.0, behind)
+    touch = times[np.argmax(force > 1e-3)]
+    mean = np.convolve(force, np.full(10, 0.1), mode="valid")  # of 50 ms
+    assert np.max(free) > 0.055
+    assert np.max(mean[times[9:] > touch + 0.3]) < 0.043
+
+
+def test_a_tip_that_meets_nothing_stops():
+    def away(controller, state):
+        return controller.press(state, [-0.05, 0.0, 0.0])
+
+    _, force, last = run(scene_with(approach_s=1.0), 2.0, away)
+    assert not force.any()
+    assert "no contact within 1.0 s" in last.command.status.note
+    assert last.command.tip_reference[0, 3] == pytest.approx(PLACE[0] - 0.003 - 0.01, abs=2e-4)
+
+
+def test_forces_that_pressures_cannot_make_and_caps_below_the_friction_are_refused():
+    scene = scene_with(platform="emulated_canopen")
+    loop, dt = loop_of(scene), 1.0 / scene.rate_hz
+    twin = Twin(scene.loaded_robot, scene.twin_node())
+    state = loop.initial_state(-dt)
+    with refused("force", got="no estimate of it"):
+        loop.controller.press(state.controller, [0.1, 0.0, 0.0])
+    plant = twin.initial()
+    for _ in range(40):
+        plant, seen = twin.observe(plant)
+        state, _, command = loop.step(state, seen.reading_pa, seen.poses, seen.imus, dt)
+        plant = twin.step_setpoints(plant, command.setpoint_pa)
+    with refused("force", names=("link0/chamber", "kPa")):
+        loop.controller.press(state.controller, [3.0, 0.0, 0.0])
+    assert isinstance(loop.controller.press(state.controller, [0.1, 0.0, 0.0]), Press)
+    capped = loop_of(scene_with(platform="emulated_canopen", cap_n=1e-4)).controller
+    with refused("force.cap_n", names=("friction",)):
+        capped.press(state.controller, [5e-5, 0.0, 0.0])

@@ -153,7 +153,7 @@ class GivenReferences:
     def configured_press(self, state: ControllerState, t: float) -> Reference | None:
         """Return the configured press at time `t` [s]; None where there is none yet, or no estimate."""
         settings, force = self.config.reference, state.force
-        if not any(settings.press_n) or t < settings.press_s or force.felt_n is None:
+        if not any(settings.press_n) or t < settings.press_s or force.felt is None:
             return None
         return force.press or self.press(state, settings.press_n)
 

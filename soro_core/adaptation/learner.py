@@ -47,7 +47,7 @@ _WAIT_S = 0.5
 _JUDGED_S = 0.5
 # What was known is kept for between one and two of these times [s].
 _PAST_S = 0.2
-_KEPT = ("learned", "chambers", "information", "moment")
+_KEPT = ("learned", "chambers", "information", "moment", "prior")
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class LearnerState:
     past : tuple
         What was known up to two times `_PAST_S` ago, oldest first, each with its age: a force from outside is
         found a little after it has begun to teach.
-    before : tuple of float and ndarray, or None
+    unpushed : tuple of float and ndarray, or None
         Mass [kg] and information before the present force from outside.
     """
 
@@ -141,7 +141,7 @@ class LearnerState:
     note: str = ""
     stage: Stage = "free"
     past: tuple[tuple[Any, ...], ...] = ()
-    before: tuple[float, Array] | None = None
+    unpushed: tuple[float, Array] | None = None
 
 
 class Learner:
@@ -365,12 +365,12 @@ class Learner:
         """
         if state.stage == "free" and state.past:
             was: dict[str, Any] = dict(zip(_KEPT, state.past[0][1:], strict=True))
-            before = was["learned"].mass_kg, was["information"]
-            state = replaced(replaced(state, **was), past=(), before=before)
+            unpushed = was["learned"].mass_kg, was["information"]
+            state = replaced(state, past=(), unpushed=unpushed, **was)
         known = np.concatenate([state.learned.theta, state.chambers])
         mass_kg, information = known[0], state.information
-        if stage == "contact" and state.stage != stage and state.before is not None:
-            mass_kg, information = state.before
+        if stage == "contact" and state.stage != stage and state.unpushed is not None:
+            mass_kg, information = state.unpushed
         elif stage == "outside force":
             mass_kg, information = self._mass_alone(state, known, *sides, covariance, dt)
         if mass_kg != known[0]:
@@ -405,7 +405,9 @@ class Learner:
         part = dt * 0.5 * rule.low_pass_per_s / max(1.0, large)
         information[0, 0] += part * float(by_mass @ weighed[:, 1])
         mass_kg = known[0] + part * float(by_mass @ weighed[:, 0]) / information[0, 0]
-        return float(min(max(mass_kg, self.lower[0]), self.upper[0])), information
+        # A push to the side is no load less than none, with which a free arm's model may be at its best.
+        least = max(self.lower[0], min(-self.arm.robot.tip_mass, known[0]))
+        return float(min(max(mass_kg, least), self.upper[0])), information
 
     def follow(self, state: LearnerState, power: float, dt: float) -> LearnerState:
         """Return the state after a tick without positions: the mass follows the tracking error.

@@ -211,7 +211,7 @@ class Estimator:
             tick.known, learned, tick.dt, placed, self.filter.mean_strain is not None
         )
         if tick.force.held is not None and tick.known.learned is not None:
-            tick.known = tick.known._replace(held=tick.force.held[1])
+            tick.known = tick.known._replace(held=tick.force.held.learned)
 
     def _unseen(self, state: EstimatorState) -> Array:
         """Return the covariance of what the positions of late leave open."""

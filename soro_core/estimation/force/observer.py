@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -16,13 +17,11 @@ from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
 from soro_core.estimation.force.config import ForceConfig
+from soro_core.estimation.force.hold import Hold, Holding, hold
 from soro_core.estimation.force.stage import StageState, next_stage
 from soro_core.estimation.force.tip_balance import Measured, TipBalance, TipBalancer
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.model import SoftArm
-
-# Part of a unit of q for the difference quotient of a force.
-_STEP = 1e-5
 
 
 class Seen(NamedTuple):
@@ -71,9 +70,8 @@ class ForceState(NamedTuple):
     force_n : ndarray (3,) or None
         Its force behind a slower low-pass [N].
     stage : StageState
-    held : tuple of ndarray (n_q,) and Learned, or None
-        The force that the filter's model lacks, beside that at the tip, to be where the arm is; and what is
-        learned with both. None while the arm is free.
+    held : Hold or None
+        What holds the arm from outside, for the filter; None while it is free.
     external : ExternalForce or None
         The estimate; None before the first.
     """
@@ -87,7 +85,7 @@ class ForceState(NamedTuple):
     balance: TipBalance | None = None
     force_n: Array | None = None
     stage: StageState = StageState()
-    held: tuple[Array, Learned] | None = None
+    held: Hold | None = None
     external: ExternalForce | None = None
 
 
@@ -170,12 +168,18 @@ class ForceObserver:
             (balance.force_n, fast_part * noise + doubt),
             (slow, covariance),
             self.balancer.fine.tables.gravity,
+            self.arm.robot.tip_mass + float(theta[0]),
+            float(np.linalg.norm(self.arm.jacobian(seen[-1].q, s)[3:] @ measured.qdd)),
             dt,
         )
         held = None
         if stage.stage != "free" and learned is not None:
-            held = self._held(state, learned, slow, s, part)
-        external = ExternalForce(slow, covariance, stage.stage, stage.stage != "contact")
+            place = Holding(measured.position, s, state.q, measured.pressure_pa, seen[-1].internal, slow)
+            with contextlib.suppress(
+                ModelError, np.linalg.LinAlgError
+            ):  # no coordinates have the place there
+                held = hold(self.force, state.held, place, learned, part, dt)
+        external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.stage != "contact")
         return state._replace(balance=balance, force_n=slow, stage=stage, held=held, external=external)
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:
@@ -209,51 +213,22 @@ class ForceObserver:
     def _doubt(self, balance: TipBalance, measured: Measured, learned: Learned | None) -> Array:
         """Return the covariance (3, 3) by what is not known of the arm [N^2]."""
         config, arm = self.config, self.arm
-        gain = config.gain_std * (balance.by_pressure @ arm.acting_pressure(measured.pressure_pa))
         single = config.model_std_pa * balance.by_pressure
         doubt = None if learned is None else learned.doubt
+        # Free motion teaches the gains against the stiffness: an error of their scale is one of F alone.
+        gain = balance.force_n
         if doubt is None:
+            gain = balance.by_pressure @ arm.acting_pressure(measured.pressure_pa)
             q, scales = balance.x @ self.balancer.spread / config.pieces, self.force.scales
             load = mass_prior(arm)[0] * arm.tip_mass_force(q, measured.qd, measured.qdd)
             elastic = config.stiffness_std * scales.stiffness * scales.force * q
             doubt = np.diag(elastic**2) + np.outer(load, load)
-        found = np.outer(gain, gain) + single @ single.T + balance.by_force @ doubt @ balance.by_force.T
+        found = (
+            config.gain_std**2 * np.outer(gain, gain)
+            + single @ single.T
+            + balance.by_force @ doubt @ balance.by_force.T
+        )
         return np.asarray(0.5 * (found + found.T))
-
-    def _held(
-        self, state: ForceState, learned: Learned, force_n: Array, s: float, part: float
-    ) -> tuple[Array, Learned]:
-        """Return what the model lacks beside a force at the tip where s is as measured, and all to be used.
-
-        Where the model has more coordinates than a position shows, they are nearest to the estimated ones.
-        """
-        arm, scales, q, measured = self.arm, self.force.scales, state.q, state.measured
-        one = state.last
-        assert q is not None
-        assert measured is not None
-        assert one is not None
-        for _ in range(2):
-            pose, jacobian = arm.pose_and_jacobian(q, s)
-            columns = pose[:3, :3] @ jacobian[3:] * scales.q
-            q = q + scales.q * np.linalg.lstsq(columns, measured.position - pose[:3, 3], rcond=None)[0]
-        # At rest: with the filter's own acceleration in it, the force would drive the filter.
-        still = np.zeros(arm.n_q)
-        asked = arm.gravity_force(q) + arm.elastic_force(q) + self.force.force(learned, q, still, still)
-        asked = asked + arm.internal_force(q, one.internal)
-        # The force at the tip keeps its direction while the arm turns under it.
-        of_tip, by_q = self._of_tip(q, force_n)
-        rest = arm.pressure_force(q, measured.pressure_pa) - asked + of_tip
-        if state.held is not None:
-            rest = state.held[0] + part * (rest - state.held[0])
-        return rest, learned.with_force(q, rest - of_tip, -by_q, scales)
-
-    def _of_tip(self, q: Array, force_n: Array) -> tuple[Array, Array]:
-        """Return the generalised force (n_q,) of a force at the tip, and its derivative (n_q, n_q)."""
-        arm = self.arm
-        steps = np.vstack([np.zeros(q.size), np.diag(_STEP * self.force.scales.q)])
-        found = [arm.pose_and_jacobian(q + step, arm.length) for step in steps]
-        forces = np.stack([jacobian[3:].T @ pose[:3, :3].T @ force_n for pose, jacobian in found])
-        return forces[0], (forces[1:] - forces[0]).T / (_STEP * self.force.scales.q)
 
 
 def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:

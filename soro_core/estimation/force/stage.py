@@ -6,6 +6,7 @@ best leaves a rest; where that is beyond its deviations for a while, it is a con
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -15,10 +16,15 @@ from soro_core.arrays import Array
 
 # Squares of the deviations (chi-square of 3 and of 2 components) of a force and of what no load explains,
 # beyond which they are there, and below which they have gone.
-_FORCE, _NO_FORCE = 14.2, 7.8
+_FORCE, _NO_FORCE = 11.3, 6.3
 _NO_LOAD, _A_LOAD = 11.8, 4.6
 # How long each must last [s]: a sample may be wrong, a new load swings, and the learner's low-pass remembers.
 _FORCE_S, _GONE_S, _NO_LOAD_S, _A_LOAD_S = 0.015, 0.4, 0.25, 0.3
+# Time of the mean of what is usual, and that after which what is neither a load nor a contact becomes usual
+# and is learned [s].
+_USUAL_S, _LEARNED_S = 1.0, 1.0
+# Time in which what is known of a swing fades [s].
+_SWING_S = 0.3
 
 
 class StageState(NamedTuple):
@@ -31,6 +37,12 @@ class StageState(NamedTuple):
         There is a force; there is none.
     no_load_s, load_s : float
         No load explains it; a load does.
+    outside_s : float
+        Time of the outside force [s].
+    swing : float
+        Largest acceleration of the tip of late, as a part of gravity.
+    usual : float
+        Mean square of the force of late in its deviations, without one from outside; 3 if these are right.
     """
 
     stage: Stage = "free"
@@ -38,10 +50,24 @@ class StageState(NamedTuple):
     gone_s: float = 0.0
     no_load_s: float = 0.0
     load_s: float = 0.0
+    outside_s: float = 0.0
+    swing: float = 0.0
+    usual: float = 30.0
+
+    @property
+    def doubt(self) -> float:
+        """Factor, 1 or more, by which covariances are too small for the force of late."""
+        return max(1.0, self.usual / 3.0)
 
 
 def next_stage(
-    state: StageState, fast: tuple[Array, Array], slow: tuple[Array, Array], gravity: Array, dt: float
+    state: StageState,
+    fast: tuple[Array, Array],
+    slow: tuple[Array, Array],
+    gravity: Array,
+    load_kg: float,
+    acceleration: float,
+    dt: float,
 ) -> StageState:
     """Return the stage after an estimate.
 
@@ -52,13 +78,25 @@ def next_stage(
         Force [N] and its covariance behind the fast and the slow low-pass.
     gravity : ndarray (3,)
         Its acceleration [m/s^2].
+    load_kg : float
+        Mass that the tip is believed to carry, of which no more can have gone.
+    acceleration : float
+        That of the tip [m/s^2].
     dt : float
         Time since the last estimate [s].
     """
+    # What the model misses while it learns comes and goes with the motion; a force from outside is new.
     size = _size(*fast)
-    rest = _size(*slow, gravity)
-    force_s = state.force_s + dt if size > _FORCE else 0.0
-    gone_s = state.gone_s + dt if size < _FORCE and _size(*slow) < _NO_FORCE else 0.0
+    usual = state.usual
+    fast_size, slow_size = size / state.doubt, _size(*slow) / state.doubt
+    # A load that swings pulls aside by as much of its weight as its acceleration is of gravity.
+    swing = max(
+        math.exp(-dt / _SWING_S) * state.swing, acceleration / max(float(np.linalg.norm(gravity)), 1e-9)
+    )
+    aside = swing**2 * float(slow[0] @ slow[0]) * np.eye(3)
+    rest = _rest(slow[0], state.doubt * slow[1] + aside, gravity, load_kg)
+    force_s = state.force_s + dt if fast_size > _FORCE else 0.0
+    gone_s = state.gone_s + dt if fast_size < _FORCE and slow_size < _NO_FORCE else 0.0
     no_load_s = state.no_load_s + dt if rest > _NO_LOAD else 0.0
     load_s = state.load_s + dt if rest < _A_LOAD else 0.0
     stage = state.stage
@@ -70,14 +108,20 @@ def next_stage(
         stage = "contact"
     elif stage == "contact" and load_s > _A_LOAD_S:
         stage = "outside force"
-    return StageState(stage, force_s, gone_s, no_load_s, load_s)
+    outside_s = state.outside_s + dt if stage == "outside force" else 0.0
+    if stage == "free" or outside_s > _LEARNED_S:
+        usual += (1.0 - math.exp(-dt / _USUAL_S)) * (size - usual)
+    return StageState(stage, force_s, gone_s, no_load_s, load_s, outside_s, swing, usual)
 
 
-def _size(force: Array, covariance: Array, along: Array | None = None) -> float:
-    """Return the square of a force in its deviations; of what is left once the best part `along` is taken."""
-    weighed = np.linalg.solve(covariance, force)
-    size = float(force @ weighed)
-    if along is not None and along.any():
-        of = np.linalg.solve(covariance, along)
-        size -= float(force @ of) ** 2 / float(along @ of)
-    return size
+def _size(force: Array, covariance: Array) -> float:
+    """Return the square of a force in its deviations."""
+    return float(force @ np.linalg.solve(covariance, force))
+
+
+def _rest(force: Array, covariance: Array, gravity: Array, load_kg: float) -> float:
+    """Return the same of what the best change of the load leaves."""
+    by_force, by_gravity = np.linalg.solve(covariance, np.column_stack([force, gravity])).T
+    along = float(gravity @ by_gravity)
+    change_kg = max(float(gravity @ by_force) / along, -max(load_kg, 0.0)) if along > 0.0 else 0.0
+    return _size(force - change_kg * gravity, covariance)

@@ -9,9 +9,8 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from soro_core.config import Floats, InnerError, Points, Strict
-from soro_core.control.force.force_config import ForceControlConfig
 from soro_core.control.laws.registry import find_law, with_folder
-from soro_core.control.motion_config import EnableBounds, MotionConfig
+from soro_core.control.motion_config import EnableBounds, ForceControlConfig, MotionConfig
 from soro_core.control.passivity.adaptation_config import Adaptation
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot, refuse_tendons

@@ -236,9 +236,7 @@ class Controller(GivenReferences):
         force = self.force_loop.step(state.force, following.wanted, point, q, qd, external, dt)
 
         def later(time_s: float) -> Point:
-            return self.force_loop.moved_point(
-                force, reference_ahead(self.bounds, following, time_s), time_s
-            )
+            return self.force_loop.moved_point(force, reference_ahead(self.bounds, following, time_s), time_s)
 
         point, future = self.force_loop.moved_point(force, point, 0.0), later(preview_s)
         try:

@@ -183,14 +183,18 @@ class GivenReferences:
         config, size, before = self.config.force, float(np.linalg.norm(push)), state.force.press
         if size == 0.0:
             if before is None:
-                raise ConfigError("press", "force", "0 N", "a force above 0; 0 lets go, and nothing is pressed")
+                raise ConfigError(
+                    "press", "force", "0 N", "a force above 0; 0 lets go, and nothing is pressed"
+                )
             return Hold(before.q)
         if config.cap_n and size > config.cap_n:
             allowed = f"at most the cap, {1e3 * config.cap_n:g} mN (force.cap_n)"
             raise ConfigError("press", "force", f"{1e3 * size:g} mN", allowed)
         felt = state.force.felt
         if felt is None or state.following is None:
-            raise ConfigError("press", "force", "no estimate of it", "an arm in control whose tip is measured")
+            raise ConfigError(
+                "press", "force", "no estimate of it", "an arm in control whose tip is measured"
+            )
         stiffness = self.force_loop.stiffness
         check_cap(stiffness, config.cap_n, self.setpoints.pressures.play_pa)
         q = reference_ahead(self.bounds, state.following, 0.0).q if before is None else before.q

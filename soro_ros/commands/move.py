@@ -97,9 +97,7 @@ def move(
 
 
 def press(
-    force: Annotated[
-        str, typer.Argument(help="Force on what the tip meets: 100mN; a number alone is in N.")
-    ],
+    force: Annotated[str, typer.Argument(help="Force on what the tip meets: 100mN; a number alone is in N.")],
     direction: Annotated[
         list[str],
         typer.Argument(
@@ -123,7 +121,9 @@ def press(
     ] = None,
     approach_speed: Annotated[
         float | None,
-        unit_option("--approach-speed", "m/s", 1e-6, 1.0, help="Until the tip touches something, also later."),
+        unit_option(
+            "--approach-speed", "m/s", 1e-6, 1.0, help="Until the tip touches something, also later."
+        ),
     ] = None,
     approach_s: Annotated[
         float | None,

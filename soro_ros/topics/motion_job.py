@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from soro_core.control import ControllerState
-from soro_core.control.force.force_config import ForceControlConfig
 from soro_core.control.force.press import Press
 from soro_core.control.motion_config import MotionConfig
 from soro_ros.topics.diagnostics import ERROR, OK, WARN
@@ -21,10 +20,10 @@ PLANNING, MOVING = "planning", "moving"
 REACHED, REFUSED, LOST, REPLACED, VENTED = "reached", "refused", "lost", "replaced", "vented"
 # Time between two reports of progress [s].
 _REPORT_S = 0.1
-# Error of a force that is reached: a part of it, and least one [N]; that of one that is lost, as multiples of it.
+# Error of a force that is reached: a part of it, at least so much [N]; of one that is lost: so many times that.
 _REACHED_PART, _REACHED_N, _LOST = 0.02, 0.0015, 5.0
-# Time constant of the mean of a force, time for which it stays reached or lost until that is said, and time after
-# the touch within which it must be reached [s].
+# Time constant of the mean of a force, time for which it stays reached or lost until that is said, and time
+# after the touch within which it must be reached [s].
 _MEAN_S, _STAYS_S, _SETTLES_S = 0.2, 0.5, 5.0
 
 
@@ -83,7 +82,6 @@ class PressJob(Job):
     Attributes
     ----------
     press : Press or None
-    force : ForceControlConfig
     pressed_n : float
         Mean of the estimated force along the direction [N].
     contact_s, within_s, beyond_s : float or None
@@ -93,7 +91,6 @@ class PressJob(Job):
     """
 
     press: Press | None = None
-    force: ForceControlConfig = field(default_factory=ForceControlConfig)
     pressed_n: float = 0.0
     contact_s: float | None = None
     within_s: float | None = None
@@ -115,7 +112,7 @@ class PressJob(Job):
         self.mean_s = t
         self.pressed_n += part * (press.pressed_n(loop.felt) - self.pressed_n)
         if loop.phase == "stopped":
-            return LOST, f"no contact within {self.force.approach_s:g} s (force.approach_s), the tip is stopped"
+            return LOST, loop.note
         allowed = max(_REACHED_PART * press.force_n, _REACHED_N)
         off = abs(self.pressed_n - press.force_n)
         touches = loop.phase == "contact"

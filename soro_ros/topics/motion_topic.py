@@ -160,8 +160,7 @@ class MotionTopic:
                 return
         self.cancel(REPLACED, "by another reference")
         if isinstance(reference, Press):
-            force = self._controller.config.force
-            job = PressJob(topic, stamp_ns, self._settings(), MOVING, goal, "", t, press=reference, force=force)
+            job = PressJob(topic, stamp_ns, self._settings(), MOVING, goal, "", t, press=reference)
         else:
             job = Job(topic, stamp_ns, self._settings(), MOVING, goal, given_s=t)
         self._job = job

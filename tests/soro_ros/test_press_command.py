@@ -4,8 +4,10 @@ import subprocess
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import WrenchStamped
+from rclpy.serialization import deserialize_message
 
-from soro_ros.commands import move
+from soro_ros.conversion.force import force_of
 from soro_ros.run import motion_client as moving
 from tests.patience import COMPILED_S
 from tests.soro_ros.direct import captured
@@ -63,7 +65,7 @@ def test_wrong_use_is_one_line(soro, arguments, names):
 
 @pytest.mark.process
 def test_nodes_press_on_a_wall_and_say_where_there_is_none(domain, tmp_path):
-    wall = "{stiffness: 2000, damping: 1, friction: 0.3, slip_velocity: 0.003, normal: [-1, 0, 0], point: [0.016, 0, 0]}"
+    wall = "{stiffness: 2000, damping: 1, friction: 0.3, normal: [-1, 0, 0], point: [0.016, 0, 0]}"
     changes = (
         "mode=lockstep",
         "platform=",
@@ -80,7 +82,9 @@ def test_nodes_press_on_a_wall_and_say_where_there_is_none(domain, tmp_path):
         none = press("60mN", "-1", "0", "0", "--approach", "500ms")
         assert none.returncode == 1, none.stdout + none.stderr
         assert "lost: no contact within 0.5 s" in none.stdout
-        some = press("60mN", "1", "0", "0", "--duration", "500ms", "--approach", "5s", "--approach-speed", "10mm/s")
+        some = press(
+            "60mN", "1", "0", "0", "--duration", "500ms", "--approach", "5s", "--approach-speed", "10mm/s"
+        )
         assert some.returncode == 0, some.stdout + some.stderr
         assert "reached: presses with" in some.stdout
         refusal = press("60mN", "1", "0", "0", "--cap", "0.01mN")
@@ -88,10 +92,6 @@ def test_nodes_press_on_a_wall_and_say_where_there_is_none(domain, tmp_path):
         assert "cap" in refusal.stdout + refusal.stderr
     finally:
         end(run)
-    from soro_ros.conversion.force import force_of
-    from rclpy.serialization import deserialize_message
-    from geometry_msgs.msg import WrenchStamped
-
     bag = only_run(tmp_path) / "bag"
     true = [deserialize_message(data, WrenchStamped) for data in payloads(bag)["/track_circle/truth/wrench"]]
     assert 0.05 < max(-force_of(one)[0] for one in true) < 0.08

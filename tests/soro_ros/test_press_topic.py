@@ -15,7 +15,7 @@ from tests.soro_ros.test_motion_topic import CHAMBERS, NAMES, Ticked, controller
 
 
 class Wall(Ticked):
-    """An arm whose tip follows its reference up to a wall, and presses there with the push of the controller."""
+    """An arm whose tip follows its reference up to a wall, and presses on it with the controller's push."""
 
     wall_m, felt_n, drift_n = 0.002, 0.0, 0.0
 
@@ -114,9 +114,7 @@ def test_a_force_that_is_lost_is_said(alone):
         (("control.force.cap_n:=0.05",), (0.1, 0.0, 0.0), {}, ("cap", "50 mN")),
     ],
 )
-def test_a_press_that_cannot_be_is_refused_in_one_line_and_nothing_moves(
-    alone, settings, force, keys, names
-):
+def test_a_press_that_cannot_be_is_refused_in_one_line_and_nothing_moves(alone, settings, force, keys, names):
     with wall(*settings) as it:
         before = it.wanted
         it.press(*force, **keys)

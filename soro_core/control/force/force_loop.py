@@ -22,9 +22,9 @@ import numpy as np
 
 from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
-from soro_core.control.force.force_config import ForceControlConfig
 from soro_core.control.force.press import Press
 from soro_core.control.force.tip_stiffness import TipStiffness
+from soro_core.control.motion_config import ForceControlConfig
 from soro_core.control.reference.trajectory import Point, Reference
 from soro_core.frozen import replaced
 from soro_core.model import SoftArm
@@ -33,10 +33,12 @@ from soro_core.robot.coordinates import StrainFields
 # Part of the goal from which on the tip touches something, at most so much [N]; and the part of this force below
 # which it has left.
 _TOUCH, _MOST_TOUCH_N, _LEAVES = 0.3, 0.015, 0.3
+# How far the reference of an approach may be ahead of the tip [m]: out of reach the tip does not follow.
+_MOST_AHEAD_M = 0.006
 # Part of the cap from which on the force is bounded.
 _NEAR = 0.5
 # Time constants [s]: of the tracked tip; of the push towards its goal; of the answer of arm and estimate.
-_TRACK_S, _PUSH_S, _ANSWER_S = 0.5, 0.12, 0.2
+_TRACK_S, _PUSH_S, _ANSWER_S = 0.2, 0.12, 0.2
 # Rate at which a pressure beyond its range moves the tip so that it is not [1/s].
 _RELIEF_PER_S = 3.0
 # Largest part of the goal that the integral adds.
@@ -56,6 +58,8 @@ class ForceLoopState:
         Of the press; "stopped" for one that has met nothing. Without a press "contact" while the cap acts.
     approach_s : float
         Time of the approach [s].
+    is_beyond : bool
+        Whether the tip could not follow the approach.
     tip, speed : ndarray (3,)
         Tracked position and velocity of the tip [m, m/s].
     moved, rate : ndarray (3,)
@@ -90,6 +94,7 @@ class ForceLoopState:
     answer_n: float = 0.0
     added_n: float = 0.0
     felt: ExternalForce | None = None
+    is_beyond: bool = False
 
     @property
     def push_n(self) -> Array:
@@ -99,7 +104,10 @@ class ForceLoopState:
     @property
     def note(self) -> str:
         """What the user must know."""
-        return f"no contact within {self.approach_s:.1f} s: stopped" if self.phase == "stopped" else ""
+        if self.phase != "stopped":
+            return ""
+        where = "where the tip follows" if self.is_beyond else f"within {self.approach_s:.1f} s"
+        return f"no contact {where}: the tip is stopped"
 
 
 class ForceLoop:
@@ -209,8 +217,10 @@ class ForceLoop:
             return self._in_contact(state, direction, goal, pressed, tip, np.zeros(3), dt)
         approach_s = state.approach_s + dt if state.phase == "approach" else 0.0
         state = self._released(replaced(state, phase="approach", approach_s=approach_s), dt)
-        if approach_s > config.approach_s:
-            return replaced(state, phase="stopped", rate=np.zeros(3))
+        assert state.tip is not None
+        is_beyond = float(direction @ (tip + state.moved - state.tip)) > _MOST_AHEAD_M
+        if is_beyond or approach_s > config.approach_s:
+            return replaced(state, phase="stopped", rate=np.zeros(3), is_beyond=is_beyond)
         rate = back + config.approach_speed_m_s * direction
         return replaced(state, rate=rate, moved=state.moved + dt * rate)
 
@@ -291,7 +301,11 @@ class ForceLoop:
         most_step = self.config.follow_speed_m_s * dt
         own = 0.0 if speed is None else float(toward @ speed)
         rate = float(toward @ state.speed) - own
-        moved = state.moved + dt * back + min(max(step, -most_step - abs(own) * dt), most_step + abs(own) * dt) * toward
+        moved = (
+            state.moved
+            + dt * back
+            + min(max(step, -most_step - abs(own) * dt), most_step + abs(own) * dt) * toward
+        )
         return replaced(
             state,
             toward=toward,
@@ -324,7 +338,9 @@ class ForceLoop:
         part = 1.0 - float(np.exp(-dt / _TRACK_S))
         expected = state.tip + dt * state.speed
         off = tip - expected
-        return replaced(state, tip=expected + part * (2.0 - part) * off, speed=state.speed + part**2 / dt * off)
+        return replaced(
+            state, tip=expected + part * (2.0 - part) * off, speed=state.speed + part**2 / dt * off
+        )
 
     def _tip(self, q: Array, qd: Array) -> tuple[Array, Array, Array]:
         """Return position and velocity of the tip (3,), and the slope (3, n_q), in the world."""

@@ -12,7 +12,7 @@ from soro_core.arrays import Array
 from soro_core.control.reference.trajectory import Hold, Point, Reference
 
 # Deviations of a force, as parts of the wanted one: along the direction, where any may come, and across it.
-_ALONG, _ACROSS = 30.0, 0.3
+_ALONG, _ACROSS = 30.0, 0.5
 
 
 @dataclass(frozen=True)

@@ -93,14 +93,12 @@ class TipStiffness:
 
     def _hysteresis(self) -> Array:
         """Return the largest force (n_q,) of the hysteresis."""
-        return np.concatenate(
-            [
-                np.sum([one.stiffness * one.range for one in link.hysteresis], axis=0)
-                if link.hysteresis
-                else np.zeros(link.n_q)
-                for link in self.arm.robot.links
-            ]
-        )
+        force, first = np.zeros(self.arm.n_q), 0
+        for link in self.arm.robot.links:
+            for one in link.hysteresis:
+                force[first : first + link.n_q] += np.multiply(one.stiffness, one.range)
+            first += link.n_q
+        return force
 
     def _fine(self, q: Array) -> Array:
         parts, first = [], 0

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from soro_lab.scene import load_scene
-from soro_lab.scene.loop import loop_of
 from soro_core.control.force.press import Press
 from soro_core.twin import Twin
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 from tests.refused import refused
 
 RADIUS_M, BEGIN_S = 0.013, 7.0
@@ -51,7 +51,7 @@ def run(scene, seconds, wanted):
         if t < 4.0:
             return None
         if not made:
-            made.append(loop.controller.tip(inner.controller, PLACE - [0.003, 0.0, 0.0]))
+            made.append(loop.controller.tip(inner.controller, PLACE - np.array([0.003, 0.0, 0.0])))
         if t > BEGIN_S and len(made) == 1:
             made.append(wanted(loop.controller, inner.controller))
         return made[-1]
@@ -94,7 +94,7 @@ def test_a_press_follows_a_wall_that_moves():
 
 def test_the_cap_bounds_the_force_of_a_reference_behind_the_wall():
     def behind(controller, state):
-        return controller.tip(state, PLACE + [0.008, 0.0, 0.0])
+        return controller.tip(state, PLACE + np.array([0.008, 0.0, 0.0]))
 
     free = run(scene_with(), 3.0, behind)[1]
     times, force, _ = run(scene_with(cap_n=0.04), 3.0, behind)

@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from matplotlib import pyplot
 from rclpy.serialization import deserialize_message, serialize_message
 
 from soro_core.adaptation.external_force import ExternalForce
+from soro_core.control.force.press import Press
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import load_robot
@@ -24,6 +26,7 @@ from soro_ros.recordings.evidence import evidence_of
 from soro_ros.recordings.verdict import judge
 from soro_ros.run.end import End
 from soro_ros.status_words import STAGES
+from soro_ros.ticks.control_report import ControlReport
 from tests.soro_ros.direct import active, captured, fire, receive, values
 
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
@@ -159,3 +162,15 @@ def test_the_estimator_publishes_the_force_its_covariance_and_its_stage(domain):
     assert external.stage == STAGES[int(doubt["stage"])]
     assert said.startswith(external.stage)
     assert f"{1e3 * found[0]:.1f}" in said
+
+
+def test_a_press_tells_the_force_that_ought_to_be_on_the_arm():
+    sent, command = {}, SimpleNamespace(tip_reference=np.eye(4))
+    report = ControlReport([], "map", sent.__setitem__, lambda topic: topic.startswith("arm/desired"))
+    report.publish(command, None, 5)
+    assert list(sent) == ["arm/desired/tip"]
+    press = Press(np.zeros(3), np.array([0.0, -1.0, 0.0]), 0.08, np.zeros(3))
+    report.publish(command, press, 5)
+    goal = sent["arm/desired/wrench"]
+    assert (goal.header.frame_id, messages.to_ns(goal.header.stamp)) == ("map", 5)
+    assert force.force_of(goal) == pytest.approx([0.0, 0.08, 0.0])

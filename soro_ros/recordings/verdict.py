@@ -143,11 +143,12 @@ def _requested(recording: RunRecording) -> tuple[str, ...]:
 
 
 def _touched(recording: RunRecording) -> tuple[str, ...]:
-    """Return a line on when the arm touched something, by what the estimator says."""
-    contacts = [event for event in recording.events if event.kind == "contact"]
+    """Return a line on when the arm touched something under control, by what the estimator says."""
+    end_s = float(recording.wanted_tip.t[-1]) if recording.wanted_tip.t.size else 0.0
+    contacts = [event for event in recording.events if event.kind == "contact" and event.t_s < end_s]
     times = [event.t_s for event in contacts]
     if len(times) % 2:
-        times.append(float(recording.force_doubt.t[-1]))
+        times.append(end_s)
     if not times:
         return ()
     first, lasted_s = contacts[0], sum(times[1::2]) - sum(times[::2])

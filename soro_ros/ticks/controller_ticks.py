@@ -30,8 +30,8 @@ from soro_lab.scene.loop import controller_of
 from soro_ros.conversion import learning, messages, qos, references
 from soro_ros.status_words import NO_COMMAND, add_prefix
 from soro_ros.ticks.control_report import ControlReport
-from soro_ros.topics.motion_topic import MotionTopic
 from soro_ros.topics.motion_job import REPLACED, WRENCH
+from soro_ros.topics.motion_topic import MotionTopic
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
 from soro_ros.topics.tick_inputs import TickInputs, unusable
 

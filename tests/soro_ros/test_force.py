@@ -11,6 +11,8 @@ from matplotlib import pyplot
 from rclpy.serialization import deserialize_message, serialize_message
 
 from soro_core.adaptation.external_force import ExternalForce
+from soro_core.control.config import ReferenceConfig
+from soro_core.control.external_references import GivenReferences
 from soro_core.control.force.press import Press
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
@@ -174,3 +176,21 @@ def test_a_press_tells_the_force_that_ought_to_be_on_the_arm():
     goal = sent["arm/desired/wrench"]
     assert (goal.header.frame_id, messages.to_ns(goal.header.stamp)) == ("map", 5)
     assert force.force_of(goal) == pytest.approx([0.0, 0.08, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("t", "felt", "presses"), [(1.9, True, False), (2.0, False, False), (2.0, True, True)]
+)
+def test_a_configured_press_begins_at_its_time_once_the_force_is_known(t, felt, presses):
+    settings = ReferenceConfig(press_n=(0.0, 0.05, 0.0), press_s=2.0)
+    made = []
+    arm = SimpleNamespace(
+        config=SimpleNamespace(reference=settings),
+        press=lambda state, force_n: made.append(force_n) or "press",
+    )
+    loop = SimpleNamespace(felt=object() if felt else None, press=None)
+    found = GivenReferences.configured_press(arm, SimpleNamespace(force=loop), t)
+    assert (found, made) == (("press", [settings.press_n]) if presses else (None, []))
+    under_way = SimpleNamespace(felt=loop.felt, press="the one under way")
+    if presses:
+        assert GivenReferences.configured_press(arm, SimpleNamespace(force=under_way), t) == under_way.press

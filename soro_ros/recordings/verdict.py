@@ -78,7 +78,7 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
         found = _followed(summary, scene, recording)
     more = [line for line in end.warnings if line not in found.reason]
     reason = "; ".join(filter(None, (found.reason, *more)))
-    notes = ()
+    notes: tuple[str, ...] = ()
     if recording is not None:
         notes = (*(_requested(recording) if end.status == 0 else ()), *_touched(recording))
     return replace(found, reason=reason, notes=(*found.notes, *notes, *_notes(said)))

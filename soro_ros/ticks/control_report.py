@@ -47,7 +47,16 @@ class ControlReport:
         self._publish, self._is_read = publish, is_read
 
     def publish(self, command: Command, press: Press | None, stamp_ns: int) -> None:
-        """Publish what belongs to a command of this time [ns], and to the press under way, if any."""
+        """Publish what belongs to a command.
+
+        Parameters
+        ----------
+        command : Command
+        press : Press or None
+            The press under way.
+        stamp_ns : int
+            Time of both [ns].
+        """
         if self._is_read("arm/desired/tip"):
             tip = messages.pose_stamped(command.tip_reference, stamp_ns, self._world)
             self._publish("arm/desired/tip", tip)

@@ -20,6 +20,7 @@ from benchmarks import (
     design,
     discovery,
     estimation,
+    force,
     forward,
     identified_asu,
     identified_srl,
@@ -64,6 +65,7 @@ SECTIONS = {
     "control": control,
     "mismatch": mismatch,
     "estimation": estimation,
+    "force": force,
     "arms": arms,
     "motions": motions,
     "whole_way": whole_way,
@@ -89,6 +91,8 @@ def bench(
     quick: Annotated[bool, typer.Option(help="smallest settings: for tests, not for figures")] = False,
     seeds: Annotated[int, typer.Option(min=1, help="control, mismatch: seeds of each case")] = 5,
     arms: Annotated[int, typer.Option(min=1, help="control, mismatch: random arms")] = 100,
+    jobs: Annotated[int | None, typer.Option(min=1, help="random arms at a time; default one a core")] = None,
+    dask: Annotated[str, typer.Option(metavar="ADDRESS", help="run random arms on this Dask cluster")] = "",
 ) -> None:
     """Measure, and write RESULTS.md."""
     names = running.chosen(only, SECTIONS)
@@ -96,7 +100,8 @@ def bench(
     if with_peer and not measured:
         Console().print(peer.MISSING)
     with one_core():
-        running.write(SECTIONS, names, Options(measured, quick, out, seeds=seeds, arms=arms), report.HEAD)
+        options = Options(measured, quick, out, seeds=seeds, arms=arms, jobs=jobs, dask=dask)
+        running.write(SECTIONS, names, options, report.HEAD)
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from soro_core import SoftArm
 from soro_core.adaptation.chamber_gains import NAMED_PART
 from soro_core.config import with_changes
 from soro_core.errors import SoroError
-from soro_core.jobs import Processes, map_jobs
+from soro_core.jobs import Executor, executor_of, map_jobs
 from soro_core.robot import Robot, load_robot
 from soro_core.rotation import matrix_from_quaternion, quaternion_from_matrix, rotation_exp
 from soro_lab.scene import Scene, load_scene
@@ -233,9 +233,9 @@ def _apart(gain: Sequence[float]) -> float:
     return float(np.max(np.abs(np.array(gain) / np.median(gain) - 1.0)))
 
 
-def _all(numbers: Sequence[int], say: Callable[[str], None]) -> Iterator[Judged]:
+def _all(numbers: Sequence[int], executor: Executor, say: Callable[[str], None]) -> Iterator[Judged]:
     """Yield the arms in their order; each core has one of them at a time."""
-    with all_cores(), Processes() as executor, closing(map_jobs(judged, numbers, executor)) as every:
+    with closing(map_jobs(judged, numbers, executor)) as every:
         for number, found in zip(numbers, every, strict=True):
             causes = f"right: {', '.join(found.right)}; wrong: {', '.join(found.wrong)}"
             say(f"random arm {number}: {100 * found.found.error:.2f} %, {found.found.verdict.word}; {causes}")
@@ -244,7 +244,8 @@ def _all(numbers: Sequence[int], say: Callable[[str], None]) -> Iterator[Judged]
 
 def run(options: Options) -> str:
     """Measure the first of the arms and return text and table."""
-    return written(list(_all(range(1, options.pick(options.arms, 1) + 1), options.say)))
+    with all_cores(), executor_of(options.jobs, options.dask) as executor:
+        return written(list(_all(range(1, options.pick(options.arms, 1) + 1), executor, options.say)))
 
 
 def written(found: Sequence[Judged]) -> str:

@@ -26,6 +26,10 @@ class Options:
     """Seeds of the closed loop, from 1 on."""
     arms: int = 100
     """Random arms in the closed loop."""
+    jobs: int | None = None
+    """Random arms at a time; None: one a core."""
+    dask: str = ""
+    """Address of a Dask cluster that runs them instead; empty for none."""
 
     @property
     def repeats(self) -> int:

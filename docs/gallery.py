@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import subprocess
 import sys
 import tempfile
@@ -36,7 +35,7 @@ FLAT = 0.1
 
 HEADER = """# Scene gallery
 
-Each [scene](README.md) below is a file that you can run, read and change:
+Each [scene](README.md) below is a file that you can run, read and change; the comment at its top says more.
 
     soro scenes                                      # prints name and purpose of each
     soro run set_points                              # in real time; --set mode=lockstep: without deadlines
@@ -46,22 +45,9 @@ Each [scene](README.md) below is a file that you can run, read and change:
     soro scenes --folder my_scenes                   # which is listed too
 
 The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
-its path in the last seconds), the path of its true tip from above, or the pressures, and the distance of the
-tip from its reference. `make gallery` runs the scenes in lockstep and makes this page from them;
-`tests/soro_ros/test_scenes.py` runs the first seconds of each.
+its path), the path of its true tip from above, or the pressures, and the distance of the tip from its
+reference. `make gallery` makes this page.
 """
-
-
-def comment_of(scene: Scene) -> str:
-    """Return the comment at the top of a shipped scene."""
-    lines = (shipped_folder() / f"{scene.name}.yaml").read_text(encoding="utf-8").splitlines()
-    top = []
-    for line in lines:
-        if not line.startswith("#"):
-            break
-        top.append(line.removeprefix("#").strip())
-    # In the page, which lies in docs/, names of pages become links.
-    return re.sub(r"docs/(\w+\.md)", r"[\1](\1)", "\n".join(top))
 
 
 def run(scene: Scene, folder: Path) -> tuple[Path, dict[str, Any]]:
@@ -139,8 +125,8 @@ def section(scene: Scene, figures: dict[str, Any]) -> str:
     elif figures["reason"]:
         result += f": {figures['reason']}"
     picture = f"![{scene.name}](images/gallery/{scene.name}.png)"
-    file = f"[config/scenes/{scene.name}.yaml](../config/scenes/{scene.name}.yaml)"
-    return f"## {scene.name}\n\n{what}\n\n{picture}\n\n{comment_of(scene)}\n\n{result}. {file}\n"
+    file = f"[More](../config/scenes/{scene.name}.yaml)"
+    return f"## {scene.name}\n\n{what}\n\n{picture}\n\n{result}. {file}.\n"
 
 
 def main() -> None:

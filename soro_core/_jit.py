@@ -12,6 +12,7 @@ import hashlib
 import logging
 import multiprocessing
 import platform
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
@@ -48,31 +49,61 @@ def source_hash() -> str:
 
 
 numba_config.CACHE_DIR = str(kernel_folder(source_hash()))
+LOCK = Path(numba_config.CACHE_DIR) / "compiling.lock"
+"""Held while a process compiles."""
+
+# Time between two lines of progress [s].
+PROGRESS_S = 10.0
+# Names of the functions that are compiled when they are called first.
+_defined: set[tuple[str, str]] = set()
 
 
 class _Announcement(event.Listener):  # type: ignore[misc]
-    """Logs once (by default to stderr) that kernels are compiled, which makes a first start slow.
+    """Logs (by default to stderr) that kernels are compiled, which makes a first start slow, and how far.
 
     Numba announces what it compiles, not what it finds in the cache.
     """
 
+    def __init__(self) -> None:
+        self.done: set[tuple[str, str]] = set()
+        self.is_logged, self.told_s, self.heard_s = False, 0.0, 0.0
+
     def on_start(self, event: Any) -> None:
-        # Functions that numba makes up have no module.
-        function = getattr(event.data.get("dispatcher"), "py_func", None)
-        ours = str(getattr(function, "__module__", "")).partition(".")[0] in PACKAGES
+        if _name(event) not in _defined:
+            return
+        now_s = time.monotonic()
+        if now_s - self.heard_s > PROGRESS_S:  # nothing was compiled meanwhile
+            self.told_s = now_s
+        self.heard_s = now_s
         # The process that started a worker logs it in the worker's place.
-        if self.is_logged or not ours or multiprocessing.parent_process() is not None:
+        if self.is_logged or multiprocessing.parent_process() is not None:
             return
         self.is_logged = True
         logging.getLogger("soro_core").warning(
-            "soro: compiling the model's kernels (a minute or two for all of them, cached in %s)",
+            "soro: compiling the model's kernels, once (a minute or two for all of them, cached in %s)",
             numba_config.CACHE_DIR,
         )
 
     def on_end(self, event: Any) -> None:
-        """Log nothing."""
+        name, now_s = _name(event), time.monotonic()
+        if name not in _defined:
+            return
+        self.done.add(name)
+        self.heard_s = now_s
+        if self.is_logged and now_s - self.told_s > PROGRESS_S:
+            self.told_s = now_s
+            logging.getLogger("soro_core").warning(
+                "soro: compiling: %d functions done, of at most %d", len(self.done), len(_defined)
+            )
 
-    is_logged = False
+
+def _name(event: Any) -> tuple[str, str]:
+    """Return module and name of what is compiled; functions that numba makes up have no module."""
+    return _key(getattr(event.data.get("dispatcher"), "py_func", None))
+
+
+def _key(function: Any) -> tuple[str, str]:
+    return str(getattr(function, "__module__", "")), str(getattr(function, "__qualname__", ""))
 
 
 event.register("numba:compile", _Announcement())
@@ -84,7 +115,7 @@ def compiling_once() -> Iterator[None]:
 
     Without it, nodes that start together compile the same kernels at the same time.
     """
-    with locked(Path(numba_config.CACHE_DIR) / "compiling.lock"):
+    with locked(LOCK):
         yield
 
 
@@ -95,11 +126,13 @@ _FLAGS = {"cache": True, "fastmath": False, "error_model": "numpy", "nogil": Tru
 
 def kernel(function: Function) -> Function:
     """Compile a function that Python calls; with NUMBA_DISABLE_JIT=1 return it as it is."""
+    _defined.add(_key(function))
     return cast(Function, numba.njit(**_FLAGS)(function))
 
 
 def inner(function: Function) -> Function:
     """Compile a function that only other kernels call, to be linked into them (`soro_core._linked`)."""
+    _defined.add(_key(function))
     return cast(Function, linked(function, **{**_FLAGS, "cache": False}))
 
 
@@ -108,4 +141,5 @@ def entry(function: Function) -> Function:
 
     It keeps the interpreter's lock: the workspace in the box serves one thread at a time.
     """
+    _defined.add(_key(function))
     return cast(Function, numba.njit(**{**_FLAGS, "nogil": False})(function))

@@ -80,8 +80,8 @@ class Freshness(Strict):
     def too_old(self, missed: int, age_ns: int) -> str:
         """Return the fault of a stale reading as text."""
         cycles = f"{missed} cycle{'s' if missed > 1 else ''}"
-        limit = f"{self.stale_s * 1e3:g} ms or {self.stale_cycles} cycles"
-        return f"no pressure for {age_ns * 1e-6:.0f} ms, {cycles} (stale at {limit})"
+        limit = f"stale_s, {self.stale_s * 1e3:g} ms, or stale_cycles, {self.stale_cycles}"
+        return f"no pressure for {age_ns * 1e-6:.0f} ms, {cycles} (limits of the platform: {limit})"
 
 
 class PlatformBase(Strict):

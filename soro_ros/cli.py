@@ -72,8 +72,6 @@ _GROUPS = {
         "fem": "soro_design.commands.fem:app",
     },
 }
-# The former name of `soro plot RUN --film FILE`.
-_HIDDEN = {"film": "soro_ros.commands.film:film"}
 _OF_SEVERAL = {
     "bag": "Look at recordings, repair and convert them.",
     "hil": "Hardware in the loop: first pressurisation, latency.",
@@ -114,10 +112,10 @@ def application(begin: Callable[[], None] = lambda: None, needed: set[str] | Non
         rich_markup_mode="markdown",
         pretty_exceptions_enable=False,
     )
-    for group, commands in {**_GROUPS, "": _HIDDEN}.items():
+    for group, commands in _GROUPS.items():
         for name, place in commands.items():
             if needed is not None and name not in needed:
-                app.command(name, hidden=not group)(lambda: None)
+                app.command(name)(lambda: None)
                 continue
             module_name, _, attribute = place.partition(":")
             module = import_module(module_name)
@@ -126,7 +124,7 @@ def application(begin: Callable[[], None] = lambda: None, needed: set[str] | Non
                 app.add_typer(command, name=name, help=_OF_SEVERAL[name], rich_help_panel=group)
             else:
                 settings = getattr(module, "CONTEXT", None)
-                app.command(name, hidden=not group, context_settings=settings, rich_help_panel=group)(command)
+                app.command(name, context_settings=settings, rich_help_panel=group)(command)
 
     def print_version(is_asked: bool) -> None:
         if is_asked:

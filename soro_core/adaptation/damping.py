@@ -24,7 +24,7 @@ MOST_S = 3.0
 # Part of the variance of what has been found that is common to all.
 _SHARED = 0.8
 # Least part of the file's damping that stays.
-_LEAST_PART = 0.1
+LEAST_PART = 0.1
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def damping_model(arm: SoftArm, pieces: int = 1) -> DampingModel:
         number,
         np.ascontiguousarray(matrix),
         np.array([critical[fields.stretch == stretch].max() for _, stretch in order]),
-        np.array([(_LEAST_PART - 1.0) * _least_time(present, matrix, own) for own in groups]),
+        np.array([(LEAST_PART - 1.0) * _least_time(present, matrix, own) for own in groups]),
         tuple(f"link{link * pieces}/{'stretch' if stretch else 'bend'}_damping" for link, stretch in order),
     )
 

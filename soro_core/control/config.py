@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from soro_core.config import Floats, InnerError, Points, Strict
-from soro_core.control.laws.registry import find_law, with_folder
+from soro_core.control.laws.registry import find_law, named, with_folder
 from soro_core.control.motion_config import EnableBounds, ForceControlConfig, MotionConfig
 from soro_core.control.passivity.adaptation_config import Adaptation
 from soro_core.errors import ConfigError
@@ -211,7 +211,9 @@ class ControllerConfig(Strict):
         description="robot of the stated gains, a file or a name; default: the controlled robot",
     )
     law: str = Field(
-        "adaptive", description="control law, a name of the registry or FILE.py:CLASS (docs/adding_a_law.md)"
+        "adaptive",
+        description="control law, a name of the registry or FILE.py:CLASS (docs/adding_a_law.md), or, in a "
+        "program, its class",
     )
     law_options: Mapping[str, Any] = Field({}, description="keys of the law")
     compensation: Literal["reference", "measured"] = Field(
@@ -242,6 +244,11 @@ class ControllerConfig(Strict):
         "in lockstep",
     )
     enable: EnableBounds = Field(EnableBounds(), description="bounds of the checks before ~/enable")
+
+    @field_validator("law", mode="before")
+    @classmethod
+    def _named(cls, law: object) -> object:
+        return named(law)
 
     @field_validator("law")
     @classmethod

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias
@@ -26,9 +27,12 @@ from soro_core.pneumatics.chamber import Gas
 from soro_core.pneumatics.valve_model import ValveModel
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Wrench: TypeAlias = Callable[[float, State], ArrayLike] | ArrayLike | None
+# Lines of a panel that a legend names, and their styles by the kind of coordinate where there are more.
+MOST_LABELS, STYLES = 8, ("-", "--", ":", "-.")
 # Largest number of values in a run, 8 GB.
 MOST_NUMBERS = 1_000_000_000
 
@@ -75,10 +79,12 @@ class Result:
         return (poses if self.base is None else moved(self.arm, self.base, poses))[:, :3, 3]
 
     def plot(self) -> Figure:
-        """Return a figure of the tip's way from its first place, coordinates and inputs over time."""
+        """Return a figure of the tip's way from its first place, coordinates and inputs over time.
+
+        Where a panel has many lines, its legend names some of the links, which share a colour each.
+        """
         from matplotlib.figure import Figure  # loaded late: most runs are not drawn
 
-        figure = Figure(figsize=(8.0, 7.0), layout="constrained")
         robot, tip = self.arm.robot, 1e3 * self.tip
         stretch = np.array(
             [not name.split("/")[1].startswith(("bending", "torsion")) for name in robot.coordinate_names]
@@ -91,11 +97,11 @@ class Result:
             ("tension, N", self.pressure[:, len(robot.chamber_names) :], robot.tendon_names),
         ]
         panels = [panel for panel in panels if panel[2]]
+        figure = Figure(figsize=(9.0, 2.0 * len(panels)), layout="constrained")
         for axes, (label, rows, names) in zip(figure.subplots(len(panels), sharex=True), panels, strict=True):
-            for row, name in zip(rows.T, names, strict=True):
-                axes.plot(self.t, row, label=name)
+            _draw(axes, self.t, rows, names)
             axes.set_ylabel(label)
-            axes.legend(loc="upper right", fontsize="small")
+            axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), fontsize="small", borderaxespad=0.0)
         axes.set_xlabel("time, s")
         return figure
 
@@ -274,6 +280,31 @@ def _run_pushed(
         if last == 0:
             return k, code, held
     return len(times) - 1, GOOD, held
+
+
+def _draw(axes: Axes, t: Array, rows: Array, names: Sequence[str]) -> None:
+    """Draw rows (n_t, n) with labels; many get a colour for each link, or name, and a style for each kind."""
+    if len(names) <= MOST_LABELS:
+        for row, name in zip(rows.T, names, strict=True):
+            axes.plot(t, row, label=name)
+        return
+    from matplotlib import colormaps
+
+    links = [name.split("/")[0] for name in names]
+    groups = names if len(set(links)) == 1 else links
+    kinds = [name.split("/")[-1] for name in names]
+    if len(set(kinds)) > len(STYLES):
+        kinds = [re.sub(r"_?\d+$", "", kind) for kind in kinds]
+    colours, styles = list(dict.fromkeys(groups)), list(dict.fromkeys(kinds))
+    shown = styles if 1 < len(styles) <= len(STYLES) else []
+    labelled = {colours[k] for k in np.linspace(0, len(colours) - 1, MOST_LABELS - len(shown)).astype(int)}
+    for row, group, kind in zip(rows.T, groups, kinds, strict=True):
+        colour = colormaps["viridis"](0.9 * colours.index(group) / max(len(colours) - 1, 1))
+        style = STYLES[styles.index(kind) % len(STYLES)]
+        axes.plot(t, row, style, color=colour, label=group if group in labelled else None)
+        labelled.discard(group)
+    for kind, style in zip(shown, STYLES, strict=False):
+        axes.plot([], [], style, color="black", label=kind)
 
 
 def _named(names: Sequence[str], wanted: Flags) -> tuple[str, ...]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
+import warnings
 from collections.abc import Callable, Iterable
 from concurrent.futures import Future
 from functools import partial
@@ -67,7 +68,9 @@ class Dask(Executor):
         """Begin a job."""
         answer: Future[Any] = Future()
         text = sent(function, item, self._dumps)
-        theirs = self._client.submit(_called_by, fingerprint(), text, pure=False)
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Sending large graph")  # a part or a recording has megabytes
+            theirs = self._client.submit(_called_by, fingerprint(), text, pure=False)
         self._theirs[answer] = theirs
         theirs.add_done_callback(partial(self._take, answer))
         return answer

@@ -178,7 +178,7 @@ def mean_stiffness(link: Link, strain: str) -> float:
 
 
 def mass_profile(link: Link, x: Array) -> Array:
-    """Mass per length over its mean, at places x (n,), (n,)."""
+    """Mass per length, docs/model.md (12), over its mean, at places x (n,), (n,)."""
     each = along(link, "mass_per_m", x)
     if each is not None:
         return np.asarray(each * link.length / link.mass)

@@ -22,6 +22,8 @@ CLOSE = 1e-9
 
 # Densities [kg/m^3] of a material, from a light foam to a heavy metal.
 LIGHTEST, DENSEST = 20.0, 20e3
+# Length [m] and mass [kg] of a link that no soft arm has: they tell mm from m, and g from kg.
+LONGEST, HEAVIEST = 10.0, 100.0
 
 
 class Material(Strict):

@@ -17,7 +17,7 @@ from soro_core.files.csv_rows import read_matrix
 from soro_core.robot.bases import BASES
 from soro_core.robot.collapse import collapsing
 from soro_core.robot.description import Robot
-from soro_core.robot.link import DENSEST, LIGHTEST
+from soro_core.robot.link import DENSEST, HEAVIEST, LIGHTEST, LONGEST
 from soro_core.robot.strain import samples_fault
 
 _ENDINGS = (".npy", ".npz", ".csv")
@@ -190,19 +190,24 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
 
 
 def _warned(robot: Robot, where: str) -> Robot:
-    """Log a line where a link weighs as no material does, or chambers can make one collapse."""
+    """Log a line where a link weighs as no material does, is too large, or chambers can make one collapse."""
     for i, link in enumerate(robot.links):
         density = link.mass / link.volume
         if not LIGHTEST <= density <= DENSEST:
-            logging.getLogger("soro_core").warning(
-                "%s: links[%d]: mass, radius and length make %.3g kg/m^3; allowed without this warning: a"
-                " material's, %g to %g; units are kg and m",
-                where,
-                i,
-                density,
-                LIGHTEST,
-                DENSEST,
-            )
+            found = f"mass, radius and length make {density:.3g} kg/m^3"
+            allowed = f"a material's, {LIGHTEST:g} to {DENSEST:g}"
+        elif link.length > LONGEST or link.mass > HEAVIEST:  # of a density that is stated
+            found = f"a length of {link.length:g} m, a radius of {link.radius:g} m and {link.mass:.3g} kg"
+            allowed = f"at most {LONGEST:g} m and {HEAVIEST:g} kg"
+        else:
+            continue
+        logging.getLogger("soro_core").warning(
+            "%s: links[%d]: %s; allowed without this warning: %s; units are kg and m",
+            where,
+            i,
+            found,
+            allowed,
+        )
     within = collapsing(robot)
     if within:
         low, high = (1e-3 * end for end in robot.pressure_range_pa)

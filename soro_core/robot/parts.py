@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from soro_core.config import Strict
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, nearest
 from soro_core.robot.bases import gauss, listed, names
 from soro_core.robot.basis import along, knots, mass_profile, mean_stiffness, on_pieces, stiffness_profile
 from soro_core.robot.link import CLOSE, Link
@@ -156,23 +156,37 @@ def put(keys: dict[str, Any], model: Strict, path: str, value: Any) -> None:
     ConfigError
         If the path leads nowhere.
     """
-    steps = [name or int(number) for name, number in _STEP.findall(path)]
+    found = list(_STEP.finditer(path))
+    steps = [one[1] or int(one[2]) for one in found]
+    where = str(getattr(model, "name", "robot"))
     if not steps or _STEP.sub("", path):
-        raise ConfigError("robot", path, value, "a path of keys and numbers, as links[0].k_b[0]")
+        raise ConfigError(where, path, value, "a path of keys and numbers, as links[0].k_b[0]")
     inner: Any = keys
     of: Any = model
     for n, step in enumerate(steps):
-        of = _part(of, step)
+        within, of = of, _part(of, step)
         is_there = step in inner if isinstance(inner, dict) else isinstance(step, int) and step < len(inner)
         if n == len(steps) - 1 and (is_there or isinstance(inner, dict)):
             inner[step] = value
             return
-        below = inner[step] if is_there else plain(of)
+        below = plain(inner[step]) if is_there else plain(of)
         if not isinstance(below, dict | list | tuple):
-            break
+            raise ConfigError(where, path, value, _parts_of(within, step, path, found[n]))
         below = dict(below) if isinstance(below, dict) else list(below)
         inner[step] = inner = below
-    raise ConfigError("robot", path, value, "the path of a value that the robot has, as links[0].k_b[0]")
+
+
+def _parts_of(within: Any, step: str | int, path: str, at: re.Match[str]) -> str:
+    """Return what a path may name in a value in which one of its steps leads nowhere."""
+    here = path[: at.start()] or "the robot"
+    if isinstance(within, list | tuple):
+        if isinstance(step, int) and step < len(within):
+            return f"all of {path[: at.end()]}, which has no parts"
+        return f"a number below {len(within)} behind {here}, as {here}[0]"
+    known = tuple(within) if isinstance(within, dict) else tuple(type(within).model_fields)
+    if step in known:
+        return f"all of {path[: at.end()]}, which has no value yet, or no parts"
+    return f"a key of {here}: {', '.join(known)}{nearest(str(step), known)}"
 
 
 def _part(of: Any, step: str | int) -> Any:

@@ -104,11 +104,12 @@ class Twin:
     ----------
     robot : Robot
         Robot as the controller knows it.
-    config : TwinConfig
-        Parameters of the plant, the sensors and the noise.
+    config : TwinConfig, optional
+        Parameters of the plant, the sensors and the noise; default: those of `TwinConfig()`.
     """
 
-    def __init__(self, robot: Robot, config: TwinConfig) -> None:
+    def __init__(self, robot: Robot, config: TwinConfig | None = None) -> None:
+        config = config or TwinConfig()
         self.plant = ArmPlant(robot, config)
         """The arm at the begin."""
         later = config.payload_changes.payload_kg

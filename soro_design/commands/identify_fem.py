@@ -9,6 +9,7 @@ import typer
 
 from soro_core.config import name_argument
 from soro_core.errors import ConfigError
+from soro_design.commands.fem import Cluster, Jobs
 
 
 def identify_fem(
@@ -37,6 +38,8 @@ def identify_fem(
         bool, typer.Option(help="Compute one sweep on a coarser mesh too, for the line on the mesh.")
     ] = True,
     force: Annotated[bool, typer.Option(help="Replace what exists.")] = False,
+    jobs: Jobs = 1,
+    dask: Cluster = "",
 ) -> None:
     """Find the numbers of a link that moves like a part under the sweeps of its file; write a robot file.
 
@@ -47,6 +50,7 @@ def identify_fem(
     """
     from rich.console import Console
 
+    from soro_core.jobs import executor_of
     from soro_design.commands.fem import follow_all, prepare
     from soro_design.parts.file import load_part
     from soro_design.parts.folder import SweepFolder, load_backbones
@@ -74,9 +78,10 @@ def identify_fem(
     console = Console(stderr=True)
     if run is None:
         folder = out.with_name(f"{out.stem}_fem")
-        prepare(folder, file, force, name)
-        kept = SweepFolder(folder, specimen)
-        stopped, interrupted = follow_all(file, specimen, kept, console)
+        with executor_of(jobs, dask) as executor:
+            prepare(folder, file, force, name)
+            kept = SweepFolder(folder, specimen)
+            stopped, interrupted = follow_all(file, specimen, kept, console, executor)
         if interrupted:
             raise typer.Exit(130)
         if stopped:

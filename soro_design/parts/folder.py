@@ -12,7 +12,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError
-from soro_design.fem import EquilibriumState
+from soro_design.fem import EquilibriumState, LoadSolution
 from soro_design.fem.meshes.vtu import write_vtu
 from soro_design.fem.stress import strained
 from soro_design.parts.file import LoadSweep, PartFile
@@ -74,6 +74,13 @@ class SweepFolder:
             writer.writerows(self.rows)
         if self.backbones and isinstance(self.specimen, RodSpecimen):
             save_backbones(self.folder / BACKBONE, self.specimen.z, self.backbones)
+
+    def keep_all(self, sweep: LoadSweep, found: LoadSolution) -> None:
+        """Take in the states of a sweep that another process has followed."""
+        for state in found.states:
+            self.keep(sweep, state)
+        if found.steps:
+            self.shapes[sweep.name] = found.last.u
 
     def keep_last(self, sweep: LoadSweep) -> Path | None:
         """Write the last state of a sweep that ended early; None if it did not leave the undeformed state."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -54,6 +55,17 @@ def follow(specimen: Specimen, sweep: LoadSweep, reached: Callable[[EquilibriumS
         Called with every state in equilibrium; those at the loads of the sweep are among them.
     """
     return solve(specimen.under(sweep), sweep.loads, SolverSettings(first_step=1.0 / sweep.states), reached)
+
+
+def followed(
+    specimen: Specimen, reached: Callable[[LoadSweep, EquilibriumState], None], sweep: LoadSweep
+) -> LoadSolution:
+    """Follow a part through a sweep, as a job; arguments of `follow`, with the sweep of each state."""
+    return follow(specimen, sweep, partial(reached, sweep))
+
+
+def nothing(sweep: LoadSweep, state: EquilibriumState) -> None:
+    """Do nothing with a state: a job returns those at the loads of its sweep."""
 
 
 def backbone(specimen: RodSpecimen, sweep: LoadSweep, state: EquilibriumState) -> Backbone:

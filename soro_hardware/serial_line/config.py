@@ -53,7 +53,8 @@ class LineOptions(Strict):
 
     def too_old(self, missed: int, age_ns: int) -> str:
         """Return the fault of a stale reading as text."""
-        return f"no pressure for {age_ns * 1e-6:.0f} ms (stale at {self.stale_s * 1e3:g} ms)"
+        limit = f"limit of the platform: stale_s, {self.stale_s * 1e3:g} ms"
+        return f"no pressure for {age_ns * 1e-6:.0f} ms ({limit})"
 
 
 class LineEmulation(EmulationBase):

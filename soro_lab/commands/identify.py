@@ -108,7 +108,7 @@ def identify(
         typer.Option(
             metavar="RUN",
             help="Run folder of soro run, or its learned.yaml: what the law had learned of this robot is the "
-            "first guess of gains, area slopes and stiffness.",
+            "first guess of gains, area slopes, stiffness and damping.",
             show_default=False,
         ),
     ] = None,

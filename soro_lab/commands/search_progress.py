@@ -58,7 +58,9 @@ class SearchProgress:
         if stage != self._stage:
             self._next(stage, now_s)
         self._simulations += 1
-        text = f"{stage}: {cost:.4g} after {self._simulations} simulations"
+        text = f"{stage}: {cost:.4g}"
+        if self._simulations > 1:  # a search beside others tells its end alone
+            text += f" after {self._simulations} simulations"
         self._bar.update(self._task, description=text)
         if not self._console.is_terminal and now_s - self._line_s >= _LINE_S:
             self._line_s = now_s

@@ -15,6 +15,8 @@ from soro_lab.identification.search import LOSSES, Loss, Search, SearchResult, S
 # Step of the numerical derivatives, in units of the parameters or, if more, of their values; it must exceed
 # the round-off of a simulation.
 _RELATIVE_STEP = 1e-4
+# Part of a parameter that the data may leave open, of 1, before it counts as unknown.
+_UNKNOWN_PART = 1e-9
 
 
 @dataclass(frozen=True)
@@ -63,7 +65,7 @@ class Fit:
     converged : bool
         Whether the search ended before `max_iterations`.
     message : str
-        Reason why the search ended.
+        Reason why the search ended, and which parameters the data do not determine.
     """
 
     values: dict[str, float]
@@ -142,7 +144,20 @@ def fit(
         float(found.cost),
         calls + 1,
         found.converged,
-        found.message,
+        "; ".join(filter(None, (found.message, _unknown(names, deviations, found.jacobian)))),
+    )
+
+
+def _unknown(names: Sequence[str], deviations: Sequence[float], jacobian: Array) -> str:
+    """Return which parameters the data do not determine, and why; empty for none."""
+    effect = np.abs(jacobian).max(axis=0, initial=0.0)
+    unknown = [(name, e) for name, d, e in zip(names, deviations, effect, strict=True) if np.isinf(d)]
+    without = [name for name, e in unknown if e <= _UNKNOWN_PART * effect.max()]
+    alike = [name for name, _ in unknown if name not in without]
+    return "; ".join(
+        f"{text}: {', '.join(which)}"
+        for text, which in (("no effect on the data", without), ("with the same effect on the data", alike))
+        if which
     )
 
 
@@ -153,8 +168,8 @@ def _deviations(found: SearchResult, loss: Loss, unit: Array) -> list[float]:
     jac = np.sqrt(weight)[:, None] * found.jacobian
     freedom = max(1, jac.shape[0] - jac.shape[1])
     _, singular, rows = np.linalg.svd(jac, full_matrices=False)
-    if singular[-1] <= singular[0] * max(jac.shape) * np.finfo(float).eps:
-        diagonal = np.full(jac.shape[1], np.inf)  # the data do not determine them all
-    else:
-        diagonal = ((rows / singular[:, None]) ** 2).sum(axis=0) * 2 * found.cost / freedom
+    known = singular > singular[0] * max(jac.shape) * np.finfo(float).eps
+    diagonal = ((rows[known] / singular[known, None]) ** 2).sum(axis=0) * 2 * found.cost / freedom
+    # What the data do not determine: other parameters keep theirs.
+    diagonal[(rows[~known] ** 2).sum(axis=0) > _UNKNOWN_PART] = np.inf
     return [float(v) for v in np.sqrt(diagonal) * unit]

@@ -23,10 +23,12 @@ class _Interrupts:
 
     is_searching: bool = False
     is_waiting: bool = False
+    is_over: bool = False
 
     def come(self, *_: object) -> None:
         """Interrupt a search, or keep the signal for the next one; a second one interrupts anything."""
         if self.is_searching or self.is_waiting:
+            self.is_over = True
             raise KeyboardInterrupt
         self.is_waiting = True
 
@@ -48,16 +50,30 @@ def only_in_searches() -> Iterator[None]:
         _INTERRUPTS.is_waiting = False
 
 
+class EndedSearchError(Exception):
+    """A search beside others that Ctrl-C has ended."""
+
+
+def end_if_interrupted(cost: float = 0.0) -> None:
+    """Raise `EndedSearchError` after Ctrl-C: the progress of a search in a thread, where no signal comes."""
+    if _INTERRUPTS.is_over:
+        raise EndedSearchError
+
+
 @contextmanager
 def searching() -> Iterator[None]:
-    """Mark a search.
+    """Mark a search, or several beside each other; in the main thread alone, where signals come.
 
     Raises
     ------
     KeyboardInterrupt
         In it; at once if Ctrl-C came before.
     """
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
     waited, _INTERRUPTS.is_waiting = _INTERRUPTS.is_waiting, False
+    _INTERRUPTS.is_over = waited
     if waited:
         raise KeyboardInterrupt
     _INTERRUPTS.is_searching = True

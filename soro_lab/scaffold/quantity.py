@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from soro_core.files.units import Quantity
+from soro_core.robot.link import HEAVIEST, LONGEST
 
 # Of numbers that no estimate gives.
 GUESS = "guess: soro identify finds it"
@@ -38,8 +39,8 @@ def rounded(value: float, digits: int = 4) -> float:
 
 
 # Bounds are wide, but tell a number in another unit from one that is meant.
-LENGTH = Quantity("m", 1e-3, 10.0, "80mm")
-MASS = Quantity("kg", 1e-5, 100.0, "30g")
+LENGTH = Quantity("m", 1e-3, LONGEST, "80mm")
+MASS = Quantity("kg", 1e-5, HEAVIEST, "30g")
 PRESSURE = Quantity("Pa", -101e3, 9e5, "0,90kPa")
 AXIAL = Quantity("N/m", 1e-2, 1e8, "500")
 BENDING = Quantity("Nm/rad", 1e-7, 1e5, "5Nmm/rad")

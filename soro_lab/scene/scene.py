@@ -88,6 +88,11 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             raise ValueError(f"no {twice[0]} under twin: the scene states it at its top, for all nodes")
         return value
 
+    @field_validator("platform", "description", mode="before")
+    @classmethod
+    def _none(cls, value: object) -> object:
+        return "" if value is None else value  # as YAML has it for a key without a value
+
     @field_validator("estimator")
     @classmethod
     def _of_its_sensors(cls, value: EstimatorConfig, info: ValidationInfo) -> EstimatorConfig:

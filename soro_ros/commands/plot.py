@@ -11,8 +11,7 @@ from soro_core.errors import BagError, ConfigError, SoroError
 from soro_core.extras import require
 from soro_core.files.units import unit_option
 from soro_lab.run_folder import run_folders
-from soro_ros.commands.film import Rate, Width
-from soro_ros.commands.film import film as write_film
+from soro_ros.commands.film import Rate, Width, write_film
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

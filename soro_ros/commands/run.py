@@ -45,8 +45,8 @@ def run(
     """Run a scene: emulated or simulated robot, estimator, controller and recorder, as ROS 2 nodes.
 
     Ends with a verdict (good, poor, lost, vented or refused), a table, a picture and a bag in
-    FOLDER/NAME-TIME. Exit status 0: good; 1: poor, lost or vented; 2: refused before anything moved. Ctrl-C
-    vents, closes the bag and ends.
+    FOLDER/NAME-TIME. Exit status 0: good; 1: poor, lost or vented; 2: refused
+    before anything moved. Ctrl-C vents, closes the bag and ends.
     """
     console = Console(stderr=True)
     with signals.noted() as interrupted:

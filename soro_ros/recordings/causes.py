@@ -11,6 +11,8 @@ from soro_ros.status_words import NO_COMMAND, NO_ESTIMATE
 
 # Largest part of the set points at a bound, and of their changes at a limit of rate, of a good run.
 AT_LIMIT_PART = 0.2
+# Part of the time for which a chamber is at one bound of a run that this bound has spoilt.
+_MOST_PART = 0.5
 # Part of the cycles of a loop that may come too late.
 _LATE_PART = 0.02
 # Part of the time in which an arm that something holds back elsewhere follows its reference.
@@ -56,6 +58,8 @@ class Evidence:
     at_bound, at_slew : float
         Part of the set points at a bound, or that of the whole run where it was lost by them; part of their
         changes at a limit of rate.
+    held : float
+        Largest part of that time for which one chamber is at one bound.
     bound : Bound
         The one that most of these set points are at.
     swing_hz : float
@@ -84,6 +88,7 @@ class Evidence:
     estimator: str = ""
     at_bound: float = 0.0
     at_slew: float = 0.0
+    held: float = 0.0
     bound: Bound = NO_BOUND
     swing_hz: float = math.nan
     pressure_off: str = ""
@@ -119,6 +124,11 @@ def _when(holds: Callable[[Evidence], bool], text: str) -> Callable[[Evidence], 
     return lambda seen: text.format(seen=seen) if holds(seen) else ""
 
 
+def _mostly(find: Callable[[Evidence], str]) -> Callable[[Evidence], str]:
+    """Return a finder for runs with a chamber that is at one bound for most of the time."""
+    return lambda seen: find(seen) if seen.held > _MOST_PART else ""
+
+
 def _step(text: str) -> Callable[[Evidence], str]:
     return lambda seen: text.format(seen=seen)
 
@@ -126,6 +136,19 @@ def _step(text: str) -> Callable[[Evidence], str]:
 _IDENTIFY = "soro excite, soro identify, then the same run with the file that they give"
 _OTHER_ARM = f"see that each chamber is where the file has it (soro hil first-pressure); then {_IDENTIFY}"
 
+_BOUND = PossibleCause(
+    _when(lambda seen: seen.at_bound > AT_LIMIT_PART, "{seen.bound.name} holds set points back"),
+    lambda seen: seen.bound.step,
+)
+_SATURATED = PossibleCause(
+    _says("controller", "pressure saturated"),
+    _step("a smaller load or motion; soro reach shows what the pressures can hold"),
+)
+
+# In the order of what a run shows for sure: a chamber that acts as another one, or is weak; what ended the
+# commands, or the measurement; pressures that do not come, or are at a bound for most of the time; a loop
+# that swings, which takes pressures to their bounds too; what holds back for a part of the time; the
+# estimate; what the law could not learn in this run; what is left is the arm itself.
 CAUSES = (
     # To a law a chamber that acts as another one looks weak.
     PossibleCause(
@@ -157,6 +180,13 @@ CAUSES = (
         _step("see with soro bag info RUN until when the tip was recorded"),
     ),
     PossibleCause(
+        _when(lambda seen: bool(seen.pressure_off), "{seen.pressure_off}"),
+        _step("check valve, supply and line of this chamber: soro hil first-pressure"),
+    ),
+    # A loop that swings between its bounds is at each of them for half of the time at most.
+    PossibleCause(_mostly(_BOUND.find), _BOUND.step),
+    PossibleCause(_mostly(_SATURATED.find), _SATURATED.step),
+    PossibleCause(
         _says("controller", "limit cycle"),
         _step(
             "see that valves and sensors are as fast as the scene says (controller.probe_at_enable measures "
@@ -172,18 +202,8 @@ CAUSES = (
             f"{_IDENTIFY}"
         ),
     ),
-    PossibleCause(
-        _when(lambda seen: seen.at_bound > AT_LIMIT_PART, "{seen.bound.name} holds set points back"),
-        lambda seen: seen.bound.step,
-    ),
-    PossibleCause(
-        _says("controller", "pressure saturated"),
-        _step("a smaller load or motion; soro reach shows what the pressures can hold"),
-    ),
-    PossibleCause(
-        _when(lambda seen: bool(seen.pressure_off), "{seen.pressure_off}"),
-        _step("check valve, supply and line of this chamber: soro hil first-pressure"),
-    ),
+    _BOUND,
+    _SATURATED,
     PossibleCause(
         _when(
             lambda seen: seen.at_slew > AT_LIMIT_PART,

@@ -62,6 +62,7 @@ def evidence_of(recording: RunRecording, scene: Scene, summary: report.Summary) 
         estimator=said.get("estimator", ""),
         at_bound=at_bound,
         at_slew=_at_slew(command, scene),
+        held=_held(bounded.value, scene),
         bound=binding_bound(bounded.value, scene),
         swing_hz=swing_hz(_last(_away(recording), end_s), _period(scene), good * length),
         pressure_off=_pressure_off(command, _last(recording.reading, end_s)),
@@ -82,6 +83,13 @@ def binding_bound(command_pa: Array, scene: Scene) -> Bound:
     if np.sum(command_pa >= high - 1.0) >= np.sum(command_pa <= low + 1.0):
         return next(_stated(scene, "maximum_pa", 1, high))
     return next(_stated(scene, "minimum_pa", 0, low))
+
+
+def _held(command_pa: Array, scene: Scene) -> float:
+    """Return the largest part of the time for which one chamber is at one bound; set points (n, n_u) [Pa]."""
+    low, high = report.pressure_bounds(scene)
+    ends = (command_pa >= high - 1.0, command_pa <= low + 1.0)
+    return max((float(end.mean(axis=0).max()) for end in ends if end.size), default=0.0)
 
 
 def _stated(scene: Scene, key: str, end: int, bound_pa: float) -> Iterator[Bound]:

@@ -16,9 +16,15 @@ from soro_ros.recordings.recording import RunRecording
 from soro_ros.recordings.report import MISSING_S, WINDOW_S, Summary
 from soro_ros.run.end import End
 
-# Words of trips by which nodes or devices are late; the first says that no command came.
+# Words of a trip by which no command came; those of trips by which nodes or devices are late, with the keys
+# of their limits and the largest values of these.
 _NO_COMMANDS = "command lost"
-_LATE = (_NO_COMMANDS, "stale_reading")
+_LATE = {
+    _NO_COMMANDS: "limits.command_age_s, at most 0.5",
+    "readings lost": "limits.reading_age_s, at most 0.5",
+    "stale_reading": "stale_s and stale_cycles of the platform file; a scene without valves has none, "
+    "--set platform=",
+}
 
 
 @dataclass(frozen=True)
@@ -62,6 +68,8 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
         said = warnings_at(recording.said, end_s)
     if end.status == 2:
         found = Verdict("refused", end.error)
+    elif not end.has_begun:
+        found = Verdict("vented", f"nothing has moved, the run never began: {end.error or 'interrupted'}")
     elif end.status != 0 or (summary is not None and summary.faults):
         found = Verdict("vented", _why_vented(summary, end, said))
     elif end.recording_failure:
@@ -176,9 +184,13 @@ def advice(verdict: Verdict, scene: Scene) -> str:
     verdict : Verdict
     scene : Scene
     """
-    if scene.mode != "real_time" or scene.faults or not any(word in verdict.reason for word in _LATE):
+    keys = next((keys for word, keys in _LATE.items() if word in verdict.reason), "")
+    if scene.mode != "real_time" or scene.faults or not keys:
         return ""
-    return "a node was late: is the machine busy? --set mode=lockstep has no deadlines (docs/real_time.md)"
+    return (
+        "a node or a device was late: is the machine busy? --set mode=lockstep has no deadlines; else allow "
+        f"more: {keys} (docs/real_time.md)"
+    )
 
 
 def with_verdict(summary: Summary, verdict: Verdict) -> Summary:

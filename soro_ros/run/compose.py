@@ -22,15 +22,15 @@ from soro_lab.scene import Scene
 from soro_ros.host import claims
 from soro_ros.host.claims import Claims
 from soro_ros.host.pulse import Pulse
-from soro_ros.process import kernels
 from soro_ros.recorder.recorded_topics import recorded_topics
 from soro_ros.run import processes
 from soro_ros.run.loop_nodes import OBSERVERS, LoopNodes, control_loop
 from soro_ros.run.processes import Child, NodeError
+from soro_ros.run.start_progress import StartProgress
 from soro_ros.run.supervisor import RunMonitor
 from soro_ros.topics.diagnostics import OVER
 
-# A cold start compiles the model's kernels in several processes at once.
+# Longest start of nodes [s], without the time in which they compile kernels.
 START_LIMIT_S = 180.0
 # Emulated valves compile nothing.
 VALVES_LIMIT_S = 20.0
@@ -102,7 +102,9 @@ class Run:
         self._driver = "regulator" if scene.platform else "twin"
         self.has_started = False
         """Whether control has started."""
-        self._reported_compiling = False
+        self._progress: StartProgress | None = None
+        self.has_begun = False
+        """Whether control has been enabled: nothing moves before."""
         self._status: dict[str, int] = {}
         self._claims = Claims()
         # In lockstep no air moves, and the time of the nodes is not that of this program.
@@ -205,6 +207,7 @@ class Run:
 
     def _enable(self, supervisor: RunMonitor) -> None:
         supervisor.call(f"{self._loop.commander}/enable")
+        self.has_begun = True
 
     def _inject(self) -> None:
         """Inject the scene's faults."""
@@ -353,7 +356,7 @@ class Run:
     def _start_nodes(self, supervisor: RunMonitor, configs: Mapping[str, Strict]) -> None:
         """Start nodes with their parameters and wait until all of them are active."""
         self.check()
-        compiled = kernels.compiled()
+        progress = self._progress = self._progress or StartProgress(self._report)
         supervisor.check_alone(configs)
         self._report(f"starting {', '.join(configs)}")
         for name, config in configs.items():
@@ -367,16 +370,25 @@ class Run:
 
         def check() -> None:
             self._check_start(supervisor)
-            if not self._reported_compiling and kernels.compiled() > compiled:
-                self._reported_compiling = True
-                self._report(
-                    "compiling kernels of the model that are not in the cache yet: up to two minutes"
-                )
+            progress.tell(sum(map(supervisor.active, self.nodes)), len(self.nodes))
 
-        def active() -> bool:
-            return all(supervisor.active(name) for name in configs)
+        def missing() -> list[str]:
+            return [name for name in configs if not supervisor.active(name)]
 
-        supervisor.wait("answer of all nodes", active, check, START_LIMIT_S)
+        def advice() -> str:
+            return (
+                f": {', '.join(missing())} did not become active (see {self.folder / 'log'}); "
+                "on a busy machine run it again: compiled kernels are kept"
+            )
+
+        supervisor.wait(
+            "answer of all nodes",
+            lambda: not missing(),
+            check,
+            START_LIMIT_S,
+            progress.is_compiling,
+            advice,
+        )
 
     def _check_start(self, supervisor: RunMonitor) -> None:
         """Raise SoroError if a process has ended, or another run has nodes of the same names.

@@ -22,6 +22,8 @@ class End:
         Why the recording has no end; empty where it has one.
     said : mapping of str to str
         Warnings that stood, by node, for a run without a recording.
+    has_begun : bool
+        Whether control was enabled; nothing moves before.
     """
 
     status: int = 0
@@ -29,3 +31,4 @@ class End:
     warnings: tuple[str, ...] = ()
     recording_failure: str = ""
     said: Mapping[str, str] = field(default_factory=dict)
+    has_begun: bool = True

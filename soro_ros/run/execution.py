@@ -232,4 +232,4 @@ def execute(
         console.print(run.outcome(), soft_wrap=True)
     error = errors[0] if errors else ""
     status = 130 if interrupted else 2 if is_refused or run.refused else 1 if errors else 0
-    return End(status, error, tuple(run.warnings.values()), run.recording_failure, said)
+    return End(status, error, tuple(run.warnings.values()), run.recording_failure, said, run.has_begun)

@@ -183,7 +183,15 @@ class RunMonitor:
         if others := sorted(names - {f"{self._prefix}twin"}):
             raise claims.taken(self.node, "/clock", ", ".join(others))
 
-    def wait(self, what: str, ready: Callable[[], bool], check: Callable[[], None], limit_s: float) -> None:
+    def wait(
+        self,
+        what: str,
+        ready: Callable[[], bool],
+        check: Callable[[], None],
+        limit_s: float,
+        is_paused: Callable[[], bool] = bool,
+        advice: Callable[[], str] = str,
+    ) -> None:
         """Spin until a condition holds.
 
         Parameters
@@ -196,19 +204,26 @@ class RunMonitor:
             Called while waiting; may raise an error.
         limit_s : float
             Time limit [s].
+        is_paused : callable, optional
+            While it returns True the time does not run; default: it always runs.
+        advice : callable, optional
+            Gives the end of the error of a time that is over.
 
         Raises
         ------
         SoroError
             If a node reports an error, or the time is over.
         """
-        deadline = time.monotonic() + limit_s
+        left_s, last_s = limit_s, time.monotonic()
         while not ready():
             self.spin(0.05)
             check()
             self.check(self._own or None)
-            if time.monotonic() > deadline:
-                raise SoroError(f"no {what} within {limit_s:.0f} s")
+            now_s = time.monotonic()
+            left_s -= 0.0 if is_paused() else now_s - last_s
+            last_s = now_s
+            if left_s < 0.0:
+                raise SoroError(f"no {what} within {limit_s:.0f} s{advice()}")
 
     def call(self, service: str, limit_s: float = 10.0) -> str:
         """Call a Trigger service of the robot's namespace and return its message.

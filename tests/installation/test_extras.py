@@ -73,7 +73,7 @@ def commands(bag):
         ("soro", "run", "track_circle", "--view"): {"ros", "hardware", "view"},
         ("soro", "excite", "track_circle"): {"ros", "hardware"},
         ("soro", "play", bag): {"ros"},
-        ("soro", "film", bag): {"ros"},
+        ("soro", "plot", bag, "--film", f"{bag}/film.png"): {"ros"},
         ("soro", "plot", bag): {"ros"},
         ("soro", "report", bag): {"ros"},
         ("soro", "replay", bag): {"ros"},

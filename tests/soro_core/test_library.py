@@ -6,6 +6,8 @@ import multiprocessing
 import pickle
 import sys
 import tomllib
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -142,17 +144,22 @@ def test_a_value_is_changed_by_its_path():
     ]
     assert BELLOW.with_({"links[0].k_b[0]": BELLOW.links[0].k_b[0]}) == BELLOW
     assert POD.with_({"links[0].strains.bending_x.modes": 1}) == POD
-    for path in (
-        "links[3].mass",
-        "links[0].k_b[7]",
-        "links[0].k_b[0].x",
-        "links[0]..mass",
-        "",
-        "gravity[-1]",
-        "nothing.at.all",
-    ):
-        with refused(path, names=("links[0].k_b[0]",)):
+    assert BELLOW.with_({"links[0].strains.bending_x.basis": "constant"}).n_q == 3  # strains are not stated
+    for path, names in {
+        "links[3].mass": ("below 1", "links[0]"),
+        "links[0].k_b[7]": ("below 3", "links[0].k_b[0]"),
+        "links[0].k_b[0].x": ("all of links[0].k_b[0]",),
+        "links[0]..mass": ("links[0].k_b[0]",),
+        "": ("links[0].k_b[0]",),
+        "gravity[-1]": ("links[0].k_b[0]",),
+        "nothing.at.all": ("the robot", "tip_mass"),
+        "links[0].kb[0]": ("links[0]: length", "did you mean k_b?"),
+        "links[0].material.youngs_modulus": ("all of links[0].material",),
+        "links[0].strains.bending_x.ordr": ("did you mean order?",),
+    }.items():
+        with refused(path, names=names) as caught:
             BELLOW.with_({path: 1.0})
+        assert caught.value.where == BELLOW.name
     with refused("links[0].wings"):
         BELLOW.with_({"links[0].wings": 1.0})
     with refused("links[0].radius"):
@@ -235,6 +242,35 @@ def test_a_run_has_its_tip_and_draws_itself(tmp_path):
     np.testing.assert_array_equal(figure.axes[1].lines[0].get_ydata(), run.q[:, 1])
     figure.savefig(tmp_path / "run.png", dpi=30)
     assert len(simulate(SoftArm(POD), t_end=0.01).plot().axes) == 2  # no elongation, no chamber
+
+
+@pytest.mark.parametrize(
+    "name", ["tue_three_bellow", "silicone_rod", "silicone_rod_planar", "3 links", "20 links"]
+)
+def test_a_picture_is_readable_with_any_number_of_coordinates(name):
+    """Its legends are short, beside the panels, and meet neither each other nor the edge."""
+    if "links" in name:
+        keys = BELLOW.model_dump(exclude_unset=True)
+        arm = SoftArm(robot_from_dict({**keys, "links": int(name.split()[0]) * list(keys["links"])}))
+    else:
+        arm = SoftArm(load_robot(name))
+    rows = np.arange(5.0)[:, None] * np.arange(1.0, arm.n_q + 1.0)
+    run = replace(
+        simulate(arm, t_end=0.0), t=np.linspace(0.0, 1.0, 5), q=1e-4 * rows, pressure=np.ones((5, arm.n_u))
+    )
+    figure = run.plot()
+    figure.draw_without_rendering()
+    legends = [axes.get_legend().get_window_extent() for axes in figure.axes]
+    for axes, box in zip(figure.axes, legends, strict=True):
+        names = [text.get_text() for text in axes.get_legend().get_texts()]
+        assert len(set(names)) == len(names) <= 8
+        assert axes.bbox.x1 <= box.x0 < box.x1 <= figure.bbox.x1
+    assert all(lower.y1 <= upper.y0 for upper, lower in pairwise(legends))
+    assert legends[-1].y0 >= figure.bbox.y0
+    drawn = [[line for line in axes.lines if len(line.get_xdata())] for axes in figure.axes]
+    assert sum(map(len, drawn)) == 3 + arm.n_q + arm.n_u
+    for lines in drawn:
+        assert len({(str(line.get_color()), line.get_linestyle()) for line in lines}) == len(lines)
 
 
 def test_many_runs_of_many_robots_are_those_of_each():
@@ -344,7 +380,33 @@ def test_a_robot_in_mm_and_g_is_named(caplog):
         caplog.clear()
         for name in SHIPPED:
             load_robot(name)
-        assert not [line for line in caplog.messages if "kg/m^3" in line]
+        assert not [line for line in caplog.messages if "units are" in line]
+
+
+MATERIAL = {"youngs_modulus": 180e3, "shear_modulus": 60e3, "viscosity": 100.0}
+TAPER = [{"place": 0.0, "radius": 15.0}, {"place": 120.0, "radius": 8.0}]
+
+
+@pytest.mark.parametrize(
+    "keys",
+    [
+        {"length": 120.0, "radius": 15.0, "density": 1070.0},  # mm
+        {"length": 120.0, "radius": 15.0, "density": 1.07e-3},  # and g/mm^3
+        {"length": 12.0, "radius": 1.5, "density": 1070.0},  # cm
+        {"length": 2.0, "radius": 0.5, "density": 1070.0},  # mm, tiny
+        {"length": 0.12, "radius": 15.0, "density": 1070.0},
+        {"length": 120.0, "radius": 0.015, "density": 1070.0},
+        {"length": 120.0, "sections": TAPER, "density": 1070.0},
+    ],
+)
+def test_an_arm_in_mm_is_named_whatever_its_density(keys, caplog):
+    with caplog.at_level(logging.WARNING, "soro_core"):
+        robot_from_dict({"links": [{**keys, "material": MATERIAL}]}, "mine")
+        (line,) = [line for line in caplog.messages if "units are kg and m" in line]
+        assert line.startswith("mine: links[0]: ")
+        caplog.clear()
+        robot_from_dict({"links": [{"length": 3.0, "radius": 0.03, "density": 1070.0, "material": MATERIAL}]})
+        assert caplog.messages == []
 
 
 @pytest.mark.parametrize(

@@ -75,6 +75,15 @@ def test_node_that_never_becomes_active():
     assert "stays in hold" in result.faults[0].message
 
 
+def test_late_answers_to_a_vent_are_no_fall_from_active(arm):
+    """Of a busy host they arrive as if they answered the next cycles: ACTIVE of its first zeros, then HOLD."""
+    arm.run(20, 50e3)
+    arm.driver._bus.drain = int  # does nothing: the answers come just after it
+    arm.driver.vent()
+    arm.driver.vent()
+    assert arm.run(4, 0.0).faults == ()
+
+
 def test_node_that_leaves_operational(arm):
     arm.send(frames.nmt(NmtCommand.PRE_OPERATIONAL, 2))
     vents_and_latches(arm, "left_operational", NODE_2, cycles=8)

@@ -34,7 +34,9 @@ def test_every_shipped_platform_loads(path):
 def test_a_stale_reading_is_told_with_its_age_and_what_is_allowed():
     times = Freshness()
     assert times.is_stale(1, 60_000_000)
-    assert times.too_old(1, 60_000_000) == "no pressure for 60 ms, 1 cycle (stale at 50 ms or 3 cycles)"
+    assert times.too_old(1, 60_000_000) == (
+        "no pressure for 60 ms, 1 cycle (limits of the platform: stale_s, 50 ms, or stale_cycles, 3)"
+    )
     assert times.too_old(4, 15_000_000).startswith("no pressure for 15 ms, 4 cycles (")
 
 

@@ -4,6 +4,7 @@ import io
 import json
 import math
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
@@ -38,6 +39,13 @@ ROWS = [
     ({"controller": "no command: arm/state is of no arm"}, "no arm", "soro log"),
     ({"late": 0.03}, "3% of the cycles", "lockstep"),
     ({"error": math.nan}, "its sensor, or the recording", "soro bag info"),
+    ({"pressure_off": "the pressure of link0/chamber1 is 5.0 kPa below"}, "chamber1", "valve, supply"),
+    ({"at_bound": 0.3, "held": 0.6, "bound": LIMIT}, "limits.maximum_pa, 90 kPa,", "state another one"),
+    (
+        {"controller": "pressure saturated: link0/chamber1 needs 8 kPa", "held": 0.6, "at_bound": 0.1},
+        "needs 8 kPa",
+        "soro reach",
+    ),
     (
         {"controller": "limit cycle at 3.2 Hz: feedback lowered to 0.5 of its gains", "swing_hz": 3.2},
         "limit cycle at 3.2 Hz",
@@ -50,7 +58,6 @@ ROWS = [
         "needs 9 kPa",
         "soro reach",
     ),
-    ({"pressure_off": "the pressure of link0/chamber1 is 5.0 kPa below"}, "chamber1", "valve, supply"),
     ({"at_slew": 0.25}, "25% of the changes", "slower reference"),
     ({"estimator_error": 0.026}, "2.6% of the length", "place-sensors"),
     ({"good_at_s": 31.0}, "still falling", "duration_s=31"),
@@ -78,6 +85,26 @@ def test_each_row_is_found_with_its_next_step(seen, cause, step):
 
 def test_every_row_is_tested():
     assert len(ROWS) == len(CAUSES)
+
+
+def both(first, second):
+    """Return what two rows show together; None if one key cannot have both values."""
+    shared = first.keys() & second.keys()
+    if any(not isinstance(first[key], str) and first[key] != second[key] for key in shared):
+        return None
+    texts = {key: f"{second[key]}; {first[key]}" for key in shared if isinstance(first[key], str)}
+    return {**first, **second, **texts}
+
+
+@pytest.mark.parametrize(("earlier", "later"), list(combinations(range(len(ROWS)), 2)))
+def test_of_two_causes_the_one_with_more_evidence_is_named(earlier, later):
+    """The order of ROWS is that which the page states."""
+    seen = both(ROWS[earlier][0], ROWS[later][0])
+    if seen is None:
+        pytest.skip("one run cannot show both")
+    text, does = probable_cause(replace(POOR, **seen))
+    assert ROWS[earlier][1] in text
+    assert ROWS[earlier][2] in does
 
 
 @pytest.mark.parametrize(
@@ -117,6 +144,23 @@ def judged(recording, scene=SCENE):
 
 def along_x(values_mm):
     return np.column_stack([values_mm, 0.0 * T, 0.0 * T])
+
+
+SWING = along_x(4.0 * np.sin(4.0 * np.pi * T))
+SWINGS = ("controller", 1, "limit cycle at 2.0 Hz: feedback lowered to 0.5 of its gains")
+
+
+@pytest.mark.parametrize(
+    ("of_time", "cause"),
+    [(0.45, "controller: limit cycle at 2.0 Hz"), (0.8, "pressure_range_pa of tue_three_bellow, 90 kPa,")],
+)
+def test_a_bound_that_holds_a_chamber_most_of_the_time_comes_before_a_limit_cycle(of_time, cause):
+    """A loop that swings is at its upper bound for half of each period at most."""
+    command = np.full((T.size, 3), 30e3)
+    command[of_time > (2.0 * T) % 1.0] = 90e3
+    found = judged(recorded(SWING, command, said=(SWINGS,)))
+    assert found.word in ("lost", "poor")
+    assert f"probable cause: {cause}" in found.reason
 
 
 STEADY = along_x(np.full(T.size, 3.0))

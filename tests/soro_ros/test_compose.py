@@ -36,7 +36,7 @@ class Ready:
     def values(self, name):
         return {}
 
-    def wait(self, what, ready, check, limit_s):
+    def wait(self, what, ready, check, limit_s, *of):
         check()
         check()
         if not ready():

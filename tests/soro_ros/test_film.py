@@ -37,7 +37,7 @@ def test_a_film_goes_on_behind_control_until_the_recording_ends(soro, tmp_path, 
     scene = tmp_path / "scene.yaml"
     scene.write_text((BAG / "scene.yaml").read_text().replace("duration_s: 2.0", "duration_s: 1.5"))
     (tmp_path / "bag").symlink_to(BAG)
-    assert soro("film", str(tmp_path), "--out", str(tmp_path / "film.png")).status == 0
+    assert soro("plot", str(tmp_path), "--film", str(tmp_path / "film.png")).status == 0
     assert taken[0].scene.duration_s == 1.5
     assert taken[0].t[-1] == pytest.approx(4.1)  # of the bag, in which the arm has come to rest
     assert np.all(np.isnan(taken[0].command[-1]))

@@ -56,28 +56,40 @@ NOT_OURS = ("rosout", "parameter_events", "transition_event", "numbers")
 ABSOLUTE = ("/diagnostics", "/clock", "/tf", "/tf_static")
 
 
-def table(heading: str) -> list[dict[str, str]]:
-    """Rows of the first table of a section, by the name of the column."""
-    _, _, section = PAGE.partition(f"\n## {heading}\n")
-    lines = [line for line in re.split(r"\n#+ ", section)[0].splitlines() if line.startswith("|")]
-    head, _, *rows = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
-    return [dict(zip(head, row, strict=True)) for row in rows]
+def section(heading: str) -> str:
+    """Text of a section, without those below it."""
+    return re.split(r"\n#+ ", PAGE.partition(f"\n## {heading}\n")[2])[0]
+
+
+def items(heading: str) -> list[dict[str, str]]:
+    """Lines of the list of a section: - `NAME`, ... ([TYPE; ]NODE, ...): TEXT."""
+    joined = re.sub(r"\n  +", " ", section(heading))
+    lines = [line for line in joined.splitlines() if line.startswith("- ")]
+    found = [re.fullmatch(r"- (`[^(]*`) \((?:(\S+); )?([^)]*)\)(?:: (.*))?", line) for line in lines]
+    assert all(found), [line for line, one in zip(lines, found, strict=True) if not one]
+    return [dict(zip(("name", "type", "by", "text"), one.groups(""), strict=True)) for one in found if one]
 
 
 def named(cell: str) -> list[str]:
     return re.findall(r"`([^`]+)`", cell)
 
 
-def of_node(row: dict[str, str], column: str, name: str) -> bool:
-    return row[column] == "all" or name in row[column].split(", ")
+def of_node(row: dict[str, str], name: str) -> bool:
+    return row["by"] == "all" or name in row["by"].split(", ")
+
+
+def stated_quality(cell: str) -> str:
+    """Quality of service at the end of a line; the page names that of all others."""
+    found = re.search(r"(?:^|; )((?:reliable|best effort|latched) \d+)$", cell)
+    return found[1] if found else "reliable 100"
 
 
 def topics(heading: str, name: str, lockstep: bool) -> set[tuple[str, ...]]:
     """Topic, type and quality of service that the page states for a node."""
     return {
-        (*named(row["topic"]), row["type"], row["quality of service"])
-        for row in table(heading)
-        if of_node(row, "by", name)
+        (*named(row["name"]), row["type"], stated_quality(row["text"]))
+        for row in items(heading)
+        if of_node(row, name)
         and (lockstep or "in lockstep alone" not in str(row))
         and message_class(row["type"]) is not None  # tf2_msgs is not among the wheels
     }
@@ -153,17 +165,17 @@ def test_topics_and_services_are_those_of_the_nodes_until_their_end(offered, nam
     published, taken, services, left = offered(name, "real_time")
     assert published == topics("Published", name, lockstep=False)
     assert taken == topics("Taken", name, lockstep=False)
-    stated = [one for row in table("Services") if of_node(row, "node", name) for one in named(row["service"])]
+    stated = [one for row in items("Services") if of_node(row, name) for one in named(row["name"])]
     assert services == set(stated)
     assert left == 0
 
 
 def test_every_row_is_of_nodes_that_are_checked():
     known = {"all", *NODES, *OPTIONAL}
-    rows = [(row, "by") for heading in ("Published", "Taken") for row in table(heading)]
-    rows += [(row, "node") for heading in ("Services", "Parameters") for row in table(heading)]
+    headings = ("Published", "Taken", "Services", "Parameters")
+    rows = [row for heading in headings for row in items(heading)]
     assert len(rows) > 60
-    assert {name for row, column in rows for name in row[column].split(", ")} <= known
+    assert {name for row in rows for name in row["by"].split(", ")} <= known
 
 
 @pytest.mark.parametrize("name", ["twin", "regulator"])
@@ -199,7 +211,7 @@ def to_publish() -> dict[str, Any]:
     """Messages of the page by topic."""
     found = {}
     for topic, kind, text in re.findall(r'^ros2 topic pub [-\w ]*?/(\S+) (\S+) "(.*)"$', PAGE, re.MULTILINE):
-        assert (topic, kind) in {(named(row["topic"])[0], row["type"]) for row in table("Taken")}
+        assert (topic, kind) in {(named(row["name"])[0], row["type"]) for row in items("Taken")}
         found[topic] = filled(message_class(kind)(), yaml.safe_load(text))
     assert len(found) == PAGE.count("ros2 topic pub")
     return found
@@ -225,12 +237,12 @@ def test_services_and_parameters_of_the_page_exist():
     calls = re.findall(r"^ros2 service call /(\w+)/(\w+) std_srvs/srv/Trigger$", PAGE, re.MULTILINE)
     assert len(calls) == PAGE.count("\nros2 service call")
     for node, service in calls:
-        rows = [row for row in table("Services") if of_node(row, "node", node)]
-        assert any(f"~/{service}" in named(row["service"]) for row in rows), (node, service)
+        rows = [row for row in items("Services") if of_node(row, node)]
+        assert any(f"~/{service}" in named(row["name"]) for row in rows), (node, service)
     for node, name, _ in re.findall(r"^ros2 param set /(\w+) (\S+) (\S+)$", PAGE, re.MULTILINE):
         assert name in {one for one, _, _ in parameters.described(NODES[node].config_model)}
-    for row in table("Parameters"):
-        (name,), (default,) = named(row["parameter"]), named(row["default"])
-        for node in NODES if row["node"] == "all" else row["node"].split(", "):
+    for row in items("Parameters"):
+        (name,), (default, *_) = named(row["name"]), named(row["text"])
+        for node in row["by"].split(", "):
             known = {one: value for one, value, _ in parameters.described(NODES[node].config_model)}
             assert known[name] == yaml.safe_load(default), (node, name)

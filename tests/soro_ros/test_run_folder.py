@@ -36,7 +36,7 @@ def run(tmp_path):
         ("bag", "convert", "TARGET"),
         ("plot", "--topic", "/two_links/arm/tip"),
         ("report",),
-        ("film", "--out", "TARGET.png"),
+        ("plot", "--film", "TARGET.png"),
         ("replay", "--nodes", "controller"),
         ("play", "--rate", "0", "--topic", "/clock"),
     ],

@@ -1,4 +1,4 @@
-"""The laws: those shipped, those of other packages by the entry point `soro.laws`, and FILE.py:CLASS."""
+"""The laws: shipped ones, those of packages by the entry point `soro.laws`, FILE.py:CLASS, and classes."""
 
 from __future__ import annotations
 
@@ -22,6 +22,8 @@ AnyLaw: TypeAlias = type[Law[Any]]
 
 GROUP = "soro.laws"
 _ONE = "subclass of soro_core.control.laws.Law with initial_state, step and Options of LawOptions"
+# Classes that a program has given, by their names.
+_GIVEN: dict[str, AnyLaw] = {}
 _IN_FILE = re.compile(r"(.+\.py):(\w+)")
 
 _HERE = "soro_core.control.laws"
@@ -39,6 +41,22 @@ def names() -> tuple[str, ...]:
     return registered.names_of(GROUP, SHIPPED)
 
 
+def named(law: object) -> object:
+    """Return the name by which `find_law` gives a class in this process; anything else as it is.
+
+    Raises
+    ------
+    ValueError
+        If the class is no law.
+    """
+    if not isinstance(law, type):
+        return law
+    if not _is_law(law):
+        raise ValueError(f"{_allowed()}, or a class that is a {_ONE}")
+    _GIVEN[name := f"{law.__module__}:{law.__qualname__}"] = law
+    return name
+
+
 def find_law(name: str) -> AnyLaw:
     """Return the law of a name, or of FILE.py:CLASS, whose code is run.
 
@@ -50,6 +68,8 @@ def find_law(name: str) -> AnyLaw:
     if name in SHIPPED:
         module, _, attribute = SHIPPED[name].partition(":")
         return getattr(import_module(module), attribute)  # type: ignore[no-any-return]
+    if name in _GIVEN:
+        return _GIVEN[name]
     if place := _IN_FILE.fullmatch(name):
         return _law_of_file(Path(place[1]), place[2])
     if name not in names():

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -18,8 +19,8 @@ from soro_core.control.motions.lookout import Lookout, line, ways_along
 from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion, Slower, ToRest
 from soro_core.control.motions.motion_time import ON_THE_WAY, Timing
-from soro_core.control.motions.path_coordinates import PathCoordinates, Planning, listed
-from soro_core.control.motions.pressure_feasibility import PressureSupply, pressure_deficit
+from soro_core.control.motions.path_coordinates import PathCoordinates, Planning, listed, with_nearest
+from soro_core.control.motions.pressure_feasibility import PressureSupply, nearest_held, pressure_deficit
 from soro_core.control.motions.speed_law import STEEPEST, speed_law
 from soro_core.control.motions.tip_path import SAME_M, TipLeg, legs_of
 from soro_core.control.reference.reference_transition import Bounds
@@ -152,7 +153,10 @@ class Planner:
                 note = "orientations are not followed: reference.rotation_weight_m is 0"
             orientations = None
         legs = legs_of(positions, orientations)
-        kinematics = PathCoordinates(self.supply.arm, self.supply.fields, self.bounds.strain, self.config)
+        held = partial(nearest_held, self.supply, self.bounds.strain)
+        kinematics = PathCoordinates(
+            self.supply.arm, self.supply.fields, self.bounds.strain, self.config, held
+        )
         away = np.linalg.norm(self.supply.arm.pose(q, self.supply.arm.length)[:3, 3] - positions[0])
         near = first = q
         if orientations is not None or away > SAME_M:
@@ -164,11 +168,12 @@ class Planner:
             curves.append(curve)
             q = np.asarray(curve(leg.length_m))
         passed = 0.0
-        self._check_rest(first, "the first pose")
+        yield from self._check_held(first, "the first pose")
         for leg, curve in zip(legs, curves, strict=True):
             for s in curve.x:
-                self._check_rest(np.asarray(curve(s)), f"{1e3 * (passed + s):.1f} mm along the path")
-                yield
+                yield from self._check_held(
+                    np.asarray(curve(s)), f"{1e3 * (passed + s):.1f} mm along the path"
+                )
             passed += leg.length_m
         path = [self._timed(leg, curve) for leg, curve in zip(legs, curves, strict=True)]
         yield from self._keep_clear(near, first, path)
@@ -212,6 +217,20 @@ class Planner:
         yield from lookout.follow(line(first, first, ON_THE_WAY))
         for way in ways_along(parts):
             yield from lookout.follow(way)
+
+    def _check_held(self, q: Array, where: str) -> Planning[None]:
+        """Refuse a place that the pressures cannot hold at rest, with the nearest that they can."""
+        try:
+            self._check_rest(q, where)
+            yield
+        except MotionError as error:
+            arm = self.supply.arm
+            position = arm.pose(q, arm.length)[:3, 3]
+            found = yield from nearest_held(self.supply, self.bounds.strain, q, position)
+            allowed, nearest = with_nearest(str(error.allowed), arm, position, found)
+            raise MotionError(
+                "pressure", error.key, str(error.got), allowed, nearest, error.chamber, error.pressure_pa
+            ) from None
 
     def _check_rest(self, q: Array, where: str, tolerance_m: float = 0.0) -> None:
         """Refuse coordinates that the pressures cannot hold at rest, by more than a distance of the tip."""

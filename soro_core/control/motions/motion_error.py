@@ -19,7 +19,7 @@ class MotionError(ConfigError):
     key, got, allowed : str
         Parts of the line, as in `ConfigError`.
     nearest_m : tuple of float or None
-        For reach: the nearest point that the search has found [m].
+        For reach and pressure: the nearest point that pressures hold [m], or None if none was found.
     chamber : str
         For pressure and rate: the chamber with the largest deficit.
     pressure_pa : float or None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeAlias, TypeVar
 
@@ -43,12 +43,16 @@ class PathCoordinates:
         Largest absolute strain of the field of each coordinate.
     config : ControllerConfig
         Tolerance of the path, and weight of orientations.
+    held : callable, optional
+        Finds the coordinates that pressures hold with the tip nearest to a position (3,) [m], from those of
+        the search (n_q,); None where there are none. Default: those of the search, whatever holds them.
     """
 
     arm: SoftArm
     fields: StrainFields
     limit: Array
     config: ControllerConfig
+    held: Callable[[Array, Array], Planning[Array | None]] | None = None
 
     def _solve(self, start: Array, position: Array, orientation: Array | None) -> tuple[Array, float]:
         """Return coordinates for a pose of the tip, and the distance that remains [m]."""
@@ -100,15 +104,17 @@ class PathCoordinates:
             if missed <= self.config.motion.tolerance_m:
                 return q
         missed, q = min(tried, key=lambda one: one[0])
-        raise self._out_of_reach("poses[0].position", position, q, missed)
+        raise (yield from self._out_of_reach("poses[0].position", position, q))
 
-    def _out_of_reach(self, key: str, position: Array, q: Array, missed: float) -> MotionError:
-        nearest = self.arm.pose(q, self.arm.length)[:3, 3]
+    def _out_of_reach(self, key: str, position: Array, q: Array) -> Planning[MotionError]:
         allowed = (
             f"a point that the tip can reach, within {1e3 * self.config.motion.tolerance_m:g} mm "
-            f"(motion.tolerance_m); the nearest is {listed(nearest)} mm, {1e3 * missed:.1f} mm away"
+            "(motion.tolerance_m)"
         )
-        return MotionError("reach", key, f"{listed(position)} mm", allowed, nearest_m=tuple(nearest.tolist()))
+        found = q if self.held is None else (yield from self.held(q, position))
+        return MotionError(
+            "reach", key, f"{listed(position)} mm", *with_nearest(allowed, self.arm, position, found)
+        )
 
     def along(self, leg: TipLeg, start: Array) -> Planning[CubicSpline]:
         """Find the coordinates along a leg, over the distance."""
@@ -123,7 +129,7 @@ class PathCoordinates:
                 position, orientation = leg.at(float(s))
                 q, missed = self._solve(q, position, orientation)
                 if missed > self.config.motion.tolerance_m:
-                    raise self._out_of_reach(f"{1e3 * s:.1f} mm along the leg", position, q, missed)
+                    raise (yield from self._out_of_reach(f"{1e3 * s:.1f} mm along the leg", position, q))
                 rows.append(q)
                 yield
             curve = CubicSpline(places, np.array(rows))
@@ -141,6 +147,17 @@ class PathCoordinates:
         raise MotionError(
             "reach", "path", f"{1e6 * off:.0f} um beside it from {listed(position)} mm", allowed
         )
+
+
+def with_nearest(
+    allowed: str, arm: SoftArm, position: Array, q: Array | None
+) -> tuple[str, tuple[float, ...] | None]:
+    """Return what is allowed with the tip of `q`, the nearest to a position [m], and this tip, if any."""
+    if q is None:
+        return allowed, None
+    nearest = arm.pose(q, arm.length)[:3, 3]
+    missed_mm = 1e3 * float(np.linalg.norm(nearest - position))
+    return f"{allowed}; the nearest is {listed(nearest)} mm, {missed_mm:.1f} mm away", tuple(nearest.tolist())
 
 
 def listed(position: Array) -> str:

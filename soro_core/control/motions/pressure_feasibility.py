@@ -23,6 +23,9 @@ _MADE_PA = 200.0
 _SAMPLE_S, _FEWEST, _MOST = 0.02, 40, 400
 # Set points that are found in one step of a plan.
 _TICKS_IN_A_STEP = 100
+# Steps of a search for the nearest point that is held, and of its arm to rest; part of the limits, and of the
+# length, that ends them; part of the range that its pressures leave, as it is rounded; damping of a step.
+_HELD_STEPS, _REST_STEPS, _AT_REST, _EDGE, _DAMPING = 20, 20, 1e-6, 0.015, 1e-3
 # Increment of strain for the difference quotient of the stiffness.
 _STEP = 1e-6
 
@@ -227,14 +230,88 @@ def _made(supply: PressureSupply, q: Array, force: Array, wide: bool = False) ->
 
 def _left_away(supply: PressureSupply, q: Array, residual: Array) -> float:
     """Return how far a missing force moves the tip [m], by the stiffness at `q`."""
-    arm, zero = supply.arm, np.zeros_like(q)
-    pressure = arm.acting_pressure(_made(supply, q, supply.force(q, zero, zero))[0].pressure_pa)
-
-    def load(at: Array) -> Array:
-        return np.asarray(supply.force(at, zero, zero) - supply.actuation(at) @ pressure)
-
-    scale = np.where(supply.fields.stretch, 1.0, 1.0 / supply.fields.length) * _STEP
-    stiffness = np.stack([(load(q + e) - load(q - e)) / (2.0 * np.max(e)) for e in np.diag(scale)], axis=1)
-    moved = np.linalg.lstsq(stiffness, residual, rcond=None)[0]
-    _, jacobian = arm.pose_and_jacobian(q, arm.length)
+    zero = np.zeros_like(q)
+    pressure = _made(supply, q, supply.force(q, zero, zero))[0].pressure_pa
+    moved = np.linalg.lstsq(_stiffness(supply, q, pressure), residual, rcond=None)[0]
+    _, jacobian = supply.arm.pose_and_jacobian(q, supply.arm.length)
     return float(np.linalg.norm(jacobian[3:] @ moved))
+
+
+def _load(supply: PressureSupply, q: Array, pressure_pa: Array) -> Array:
+    """Return the force (n_q,) that is missing at rest in `q` under pressures."""
+    zero = np.zeros_like(q)
+    acting = supply.arm.acting_pressure(pressure_pa)
+    return np.asarray(supply.force(q, zero, zero) - supply.actuation(q) @ acting)
+
+
+def _stiffness(supply: PressureSupply, q: Array, pressure_pa: Array) -> Array:
+    """Return the slope (n_q, n_q) of that force by the coordinates."""
+    scale = np.where(supply.fields.stretch, 1.0, 1.0 / supply.fields.length) * _STEP
+    rows = [
+        (_load(supply, q + e, pressure_pa) - _load(supply, q - e, pressure_pa)) / (2.0 * np.max(e))
+        for e in np.diag(scale)
+    ]
+    return np.stack(rows, axis=1)
+
+
+def nearest_held(
+    supply: PressureSupply, limit: Array, q: Array, position: Array
+) -> Generator[None, None, Array | None]:
+    """Find the coordinates that pressures hold at rest with the tip nearest to a position.
+
+    Gauss-Newton on the pressures: at each step the arm rests under them.
+
+    Parameters
+    ----------
+    supply : PressureSupply
+    limit : ndarray (n_q,)
+        Largest absolute coordinates.
+    q : ndarray (n_q,)
+        Start of the search.
+    position : ndarray (3,)
+        Of the tip in the world [m].
+
+    Yields
+    ------
+    None
+        After each step.
+
+    Returns
+    -------
+    ndarray (n_q,) or None
+        None where the search finds no rest.
+    """
+    from scipy.optimize import lsq_linear  # imported here: few motions are refused
+
+    arm, setpoints, zero = supply.arm, supply.setpoints, np.zeros_like(q)
+    edge = _EDGE * (setpoints.maximum_pa - setpoints.minimum_pa)
+    low, high = setpoints.minimum_pa + edge, setpoints.maximum_pa - edge
+    pressure = np.clip(_made(supply, q, supply.force(q, zero, zero))[0].pressure_pa, low, high)
+    best, best_q, best_pa, damping = np.inf, None, pressure, _DAMPING
+    slope, away = np.zeros((3, pressure.size)), np.zeros(3)
+    for _ in range(_HELD_STEPS):
+        for _ in range(_REST_STEPS):
+            step = -np.linalg.lstsq(_stiffness(supply, q, pressure), _load(supply, q, pressure), rcond=None)[
+                0
+            ]
+            q = np.clip(q + step, -limit, limit)
+            yield
+            if np.all(np.abs(step) <= _AT_REST * limit):
+                break
+        pose, jacobian = arm.pose_and_jacobian(q, arm.length)
+        missed = float(np.linalg.norm(position - pose[:3, 3]))
+        if missed < best and pressure_deficit(supply, q) is None:
+            best, best_q, best_pa, damping = missed, q, pressure, 0.3 * damping
+            stiffness, away = _stiffness(supply, q, pressure), position - pose[:3, 3]
+            slope = jacobian[3:] @ np.linalg.lstsq(stiffness, supply.actuation(q), rcond=None)[0]
+        elif best_q is None:
+            return None
+        else:
+            q, damping = best_q, 10.0 * damping
+        stay = damping * float(np.linalg.norm(slope)) * np.eye(pressure.size)
+        system = np.vstack((slope, stay)), np.append(away, np.zeros(pressure.size))
+        change = lsq_linear(*system, bounds=(low - best_pa - 1.0, high - best_pa + 1.0)).x
+        pressure = np.clip(best_pa + change, low, high)
+        if np.all(np.abs(pressure - best_pa) <= _AT_REST * (high - low)):
+            break
+    return best_q

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -31,12 +31,15 @@ class Trial:
         The numbers that were found.
     interrupted : bool
         Whether Ctrl-C ended the fit.
+    cost : float
+        Of the fit.
     """
 
     laws: tuple[LawTerm, ...]
     squares: tuple[float, ...]
     values: dict[str, float]
     interrupted: bool = False
+    cost: float = 0.0
 
     @property
     def error(self) -> float:
@@ -51,16 +54,19 @@ class Trial:
 
 @dataclass(frozen=True)
 class LawChoice:
-    """The laws that were chosen, and all that were tried, in order."""
+    """The laws that were chosen, all that were tried, in order, and whether Ctrl-C ended it."""
 
     chosen: Trial
     tried: tuple[Trial, ...]
+    interrupted: bool = False
 
 
-Fit: TypeAlias = Callable[[tuple[LawTerm, ...], Mapping[str, float], bool], Trial | None]
+Laws: TypeAlias = tuple[LawTerm, ...]
+Fit: TypeAlias = Callable[[Laws, Mapping[str, float], bool], Trial | None]
+FitMany: TypeAlias = Callable[[Sequence[Laws], Mapping[str, float]], Iterator[Trial | None]]
 
 
-def choose(laws: Sequence[LawTerm], fit: Fit) -> LawChoice:
+def choose(laws: Sequence[LawTerm], fit: Fit, fit_many: FitMany | None = None) -> LawChoice:
     """Add laws as long as each takes away 3 % of the held-out error; then take the simplest set.
 
     Every law that is left is tried by a few steps of the search; those that promise most, by more.
@@ -72,6 +78,9 @@ def choose(laws: Sequence[LawTerm], fit: Fit) -> LawChoice:
     fit : callable
         Fits a set of laws from given values, in full or by a few steps; None where no such arm can be
         simulated.
+    fit_many : callable, optional
+        Fits several sets by a few steps, beside each other, and yields them in their order; default one after
+        the other.
 
     Returns
     -------
@@ -83,27 +92,32 @@ def choose(laws: Sequence[LawTerm], fit: Fit) -> LawChoice:
     if first is None:
         raise ValueError("the linear law cannot be fitted: it is the start of every other")
     tried, best = [first], first
+    if fit_many is None:
+        fit_many = lambda sets, start: (fit(one, start, False) for one in sets)  # noqa: E731
     while not first.interrupted:
         found: list[Trial] = []
-        left = [law for law in laws if law not in best.laws]
-        for trial in (fit((*best.laws, law), best.values, False) for law in left):
-            found += [trial] if trial is not None else []
-            if trial is not None and trial.interrupted:
-                return LawChoice(best, (*tried, *found))
+        left = [(*best.laws, law) for law in laws if law not in best.laws]
+        try:
+            for trial in fit_many(left, best.values):
+                found += [trial] if trial is not None else []
+                if trial is not None and trial.interrupted:
+                    raise KeyboardInterrupt
+        except KeyboardInterrupt:
+            return LawChoice(best, (*tried, *found), True)
         found.sort(key=lambda t: t.error)
         if found and found[0].error < (1.0 - _PROMISE) * best.error:
             for k, trial in enumerate(found[:_FULL]):
                 longer = fit(trial.laws, trial.values, True)
                 found[k] = trial if longer is None else longer
                 if found[k].interrupted:
-                    return LawChoice(best, (*tried, *found))
+                    return LawChoice(best, (*tried, *found), True)
         tried += found
         before, best = best, min((best, *found), key=lambda t: t.error)
         if best.error >= (1.0 - _WORTH) * before.error:
             break
     near = [t for t in tried if _is_as_good(t, best)]
     chosen = min(near, key=lambda t: (len(t.laws), t.error))
-    return LawChoice(chosen, tuple(tried))
+    return LawChoice(chosen, tuple(tried), first.interrupted)
 
 
 def _is_as_good(trial: Trial, best: Trial) -> bool:

@@ -5,8 +5,12 @@ from __future__ import annotations
 from collections import defaultdict
 from statistics import fmean
 
+import numpy as np
+
+from soro_core.adaptation.damping import LEAST_PART, damping_model
 from soro_core.adaptation.kept import KeptNumbers
 from soro_core.adaptation.scales import FORCE_PART
+from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers
 
@@ -15,7 +19,7 @@ _LEAST_PART = 0.2
 
 
 def with_learned(robot: Robot, kept: KeptNumbers, where: str = "learned") -> Robot:
-    """Return the robot with learned gains, area slopes and stiffness as its numbers.
+    """Return the robot with learned gains, area slopes, stiffness and damping as its numbers.
 
     The slope of the learned force by a coordinate itself counts as stiffness. Other entries of W, and the
     load, have no number in a robot file.
@@ -36,6 +40,9 @@ def with_learned(robot: Robot, kept: KeptNumbers, where: str = "learned") -> Rob
     kept.require_robot(robot, where)
     learned = defaultdict(float, {name: value for name, (value, _) in kept.numbers.items()})
     present, values = numbers_of(robot), dict[str, float]()
+    stiffness = dict(
+        zip(robot.coordinate_names, np.diag(damping_model(SoftArm(robot)).matrix).tolist(), strict=True)
+    )
     for index, link in enumerate(robot.links):
         name = f"link{index}"
         for key in ("e", "b"):
@@ -44,6 +51,12 @@ def with_learned(robot: Robot, kept: KeptNumbers, where: str = "learned") -> Rob
             ]
             if own:
                 part = 1.0 + FORCE_PART * fmean(learned[f"{strain}/by {strain}"] for strain in own)
+                # Retardation times are those beside the file's damping, with the file's stiffness.
+                time_s = learned[f"{name}/{'stretch' if key == 'e' else 'bend'}_damping"]
+                damping = present[f"{name}/damping_{key}"].value
+                values[f"{name}/damping_{key}"] = max(
+                    damping + time_s * stiffness[own[0]], LEAST_PART * damping
+                )
                 values[f"{name}/k_{key}"] = max(part, _LEAST_PART) * present[f"{name}/k_{key}"].value
         gains = [1.0 + learned[f"{name}/chamber{j}/gain"] for j in range(len(link.chambers))]
         if gains:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TypeAlias
 
 import numpy as np
 
@@ -13,18 +12,19 @@ from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.jobs import Executor
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
-from soro_lab.identification.arm.cases.case import Case, Whole, longest_step
-from soro_lab.identification.arm.cases.initial_conditions import is_release, start_numbers
-from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot, with_numbers
-from soro_lab.identification.arm.choose import LawChoice, Trial, choose
+from soro_lab.identification.arm.cases.case import Whole, longest_step
+from soro_lab.identification.arm.cases.initial_conditions import is_release
+from soro_lab.identification.arm.cases.parameters import ArmParameter, is_of_robot
+from soro_lab.identification.arm.choose import LawChoice, choose
 from soro_lab.identification.arm.frames import calibrated, clock_numbers, frame_numbers
-from soro_lab.identification.arm.judge import Error, errors, ranges, share_of_range, squares
-from soro_lab.identification.arm.laws import LAWS, LawTerm, free_parameters, is_of_law, plain
+from soro_lab.identification.arm.judge import Error, errors, ranges, share_of_range
+from soro_lab.identification.arm.laws import LAWS, LawTerm, is_of_law, plain
 from soro_lab.identification.arm.search.blind import check_motion, check_numbers, swinging
 from soro_lab.identification.arm.search.prepare import first_errors, residual_errors, rests_of, split
-from soro_lab.identification.arm.search.problem import Problem, modelled
+from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import FitSolution, evaluated, solve
 from soro_lab.identification.arm.search.uncertainty import Uncertainty, certainty, not_determined
+from soro_lab.identification.arm.trials import COMPARED, LawTrials, Problems, Progress
 from soro_lab.identification.recording import (
     Marker,
     Plate,
@@ -35,17 +35,13 @@ from soro_lab.identification.recording import (
 )
 from soro_lab.identification.search import only_in_searches
 
-Progress: TypeAlias = Callable[[str, float], None]
-
 # Step of the simulations by which laws are compared, over that of the last fit.
 _COARSE = 2.0
 # Turn of the slowest swing in a step of the last fit [rad]: its stiffness comes out right to 0.3 %.
 _TURN = 0.2
-# Relative change of the cost at which a search ends: one that only compares laws, and the last one. With ten
-# thousand samples of noise, one deviation of a number changes the cost by less than 1e-4 of it.
-_COMPARED, _LAST = 2e-3, 1e-6
-# Most steps of a search that compares laws, and of one that shows which promise most.
-_FULL, _FEW = 10, 4
+# Relative change of the cost at which the last search ends. With ten thousand samples of noise, one deviation
+# of a number changes the cost by less than 1e-4 of it.
+_LAST = 1e-6
 
 
 @dataclass(frozen=True)
@@ -174,46 +170,33 @@ def identify(
     clocks = clock_numbers([case for case in whole if case.name not in releases])
     kinds = "eb" if any(isinstance(s, Plate | Marker) for r in recordings for s in r.shapes) else "b"
 
-    def problem(laws: Sequence[LawTerm], cases: Sequence[Case]) -> Problem:
-        numbers, begin = free_parameters(robot, laws, kinds, keep)
-        runs = [case.name for case in cases if isinstance(case, Whole)]
-        model = modelled(with_numbers(robot, begin), is_constant)
-        starts = start_numbers(model, [r for r in runs if r in releases])
-        own = (*clocks, *starts) if runs else ()
-        every = (*numbers, *frames, *own)
-        return Problem(robot, tuple(cases), every, expected, {}, is_constant, executor)
-
+    problems = Problems(robot, keep, kinds, frames, clocks, tuple(releases), expected, is_constant, executor)
+    problem = problems.of
     values: dict[str, float] = {}
     interrupted = False
     if rests is not None:
         values, interrupted = _at_rest(problem((), [rests]), options, progress)
         options = replace(options, most=1) if interrupted else options
     values = swinging(problem((), fit), values)
-    linear = solve(problem((), fit), values, options.most, _COMPARED, partial(progress, "linear"))
+    linear = solve(problem((), fit), values, options.most, COMPARED, partial(progress, "linear"))
     check_numbers(problem((), fit), linear)
-    expected = residual_errors(problem((), fit), linear.values)
+    problems = problems.expecting(residual_errors(problem((), fit), linear.values))
 
-    def trial(laws: tuple[LawTerm, ...], start: Mapping[str, float], in_full: bool) -> Trial | None:
-        name = " + ".join(law.name for law in laws) or "linear"
-        begin = {**linear.values, **free_parameters(robot, laws, kinds, keep)[1], **start}
-        most = min(_FULL if in_full else _FEW, options.most)
-        try:
-            told, cases = partial(progress, name), problem(laws, fit)
-            found = solve(cases, begin, most, _COMPARED, told, secant=not in_full)
-            own = squares(held, problem(laws, held).prediction_errors(found.values), moved)
-        except (ModelError, ConfigError):
-            return None
-        return Trial(laws, own, found.values, found.interrupted)
-
+    trials = LawTrials(problems, tuple(fit), tuple(held), moved, linear.values, options.most)
     interrupted = interrupted or linear.interrupted
-    choice = choose(options.laws, trial) if held and not interrupted else None
+    choice = None
+    if held and not interrupted:
+        choice = choose(
+            options.laws, partial(trials.one, progress=progress), partial(trials.several, progress=progress)
+        )
     laws, best = (choice.chosen.laws, choice.chosen.values) if choice else ((), linear.values)
-    fitted = errors(fit, problem(laws, fit).prediction_errors(best), expected)
-    judged = errors(held, problem(laws, held).prediction_errors(best), expected)
-    expected = residual_errors(problem(laws, whole), best)
-    interrupted = interrupted or (choice is not None and any(t.interrupted for t in choice.tried))
+    problem = problems.of
+    fitted = errors(fit, problem(laws, fit).prediction_errors(best), problems.expected)
+    judged = errors(held, problem(laws, held).prediction_errors(best), problems.expected)
+    problems = problems.expecting(residual_errors(problem(laws, whole), best))
+    interrupted = interrupted or (choice is not None and choice.interrupted)
     limits = replace(options, most=1) if interrupted else options
-    last = problem(laws, whole)
+    last = problems.of(laws, whole)
     solution, sure, kept = _determined(last, best, limits, progress)
     share = share_of_range(judged, moved) if judged else float("nan")
     found = calibrated(

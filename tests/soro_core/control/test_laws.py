@@ -16,7 +16,7 @@ from soro_core import load_robot, registered, robot_from_dict
 from soro_core.adaptation.kept import keep
 from soro_core.config import find_config, load, parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.laws import Law
+from soro_core.control.laws import Law, LawOptions
 from soro_core.control.laws.registry import find_law
 from soro_lab.scene import check_learned, load_scene
 from tests.refused import refused
@@ -100,6 +100,37 @@ def test_a_law_of_a_file_needs_neither_package_nor_init(tmp_path, monkeypatch):
     written(tmp_path, FILE.replace("Mine", "Other"))
     with refused("law", place, names=("adaptive", "FILE.py:CLASS", "Mine")):
         config(law=place)
+
+
+class Still(Law):
+    """A law that asks for one force."""
+
+    class Options(LawOptions):
+        force: float = 0.0
+
+    def __init__(self, setting, options):
+        self.force = options.force
+
+    def initial_state(self):
+        return None
+
+    def step(self, state, belief, reference, dt):
+        return state, np.full(len(belief.q), self.force), {}
+
+
+def test_a_program_gives_the_class_of_its_law():
+    control = Controller(ROBOT, ControllerConfig(law=Still, law_options={"force": 0.2}))
+    assert type(control.law) is Still
+    assert tick(control).desired_force == pytest.approx(0.2)
+    assert ControllerConfig(law=control.config.law) == ControllerConfig(law=Still)
+    with refused("law_options.force", "much"):
+        ControllerConfig(law=Still, law_options={"force": "much"})
+
+
+@pytest.mark.parametrize("law", [int, Law, object()])
+def test_a_class_that_is_no_law_is_refused(law):
+    with refused("law"):
+        ControllerConfig(law=law)
 
 
 def test_a_scene_finds_the_file_of_its_law_beside_itself(tmp_path, monkeypatch):

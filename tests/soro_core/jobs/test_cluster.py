@@ -42,6 +42,12 @@ def test_results_come_in_order(cluster):
         assert list(map_jobs(lambda x: x + 1, range(3), executor)) == [1, 2, 3]
 
 
+def test_a_large_job_is_sent_without_a_warning(cluster, recwarn):
+    with executor_of(1, cluster.scheduler_address) as executor:
+        assert list(map_jobs(len, [bytes(11_000_000)], executor)) == [11_000_000]
+    assert not [str(one.message) for one in recwarn if "large" in str(one.message)]
+
+
 def test_the_work_of_a_killed_worker_is_done_again(cluster, tmp_path):
     with executor_of(1, cluster.scheduler_address) as executor:
         found = list(map_jobs(partial(killed_once, str(tmp_path)), range(12), executor))

@@ -2,7 +2,6 @@
 
 import os
 import threading
-import time
 from functools import partial
 from pathlib import Path
 
@@ -10,6 +9,7 @@ import pytest
 
 from soro_core.errors import ConfigError, SoroError
 from soro_core.jobs import Here, Processes, Threads, executor_of, map_jobs
+from tests.patience import LIMIT_S
 
 
 def square(x):
@@ -22,14 +22,19 @@ def root(x):
     return x**0.5
 
 
+def is_first(folder, x):
+    """Whether nobody has asked for this job before."""
+    try:
+        (Path(folder) / f"begun{x}").touch(exist_ok=False)
+    except FileExistsError:
+        return False
+    return True
+
+
 def lost_once(folder, x):
     """End the process at the third job, once."""
-    try:
-        if x == 3:
-            (Path(folder) / "lost").touch(exist_ok=False)
-            os._exit(1)
-    except FileExistsError:
-        pass
+    if x == 3 and is_first(folder, x):
+        os._exit(1)
     return square(x)
 
 
@@ -38,14 +43,15 @@ def ends(x):
 
 
 def ends_beside(folder, x):
-    """End the process at job 0, when its neighbour runs; the neighbour takes a while."""
-    begun = Path(folder) / "begun"
+    """End the process at job 0, at first while its neighbour, which has begun, waits for its own end."""
+    first = is_first(folder, x)
     if x == 1:
-        begun.touch()
-        time.sleep(0.3)
+        if first:
+            (Path(folder) / "pipe").open("w").close()
+            threading.Event().wait(LIMIT_S)
         return x
-    while not begun.exists():
-        time.sleep(0.01)
+    if first:
+        (Path(folder) / "pipe").open().read()
     os._exit(1)
 
 
@@ -89,7 +95,7 @@ def test_a_stop_keeps_what_is_done(executor):
 def test_the_work_of_a_lost_process_is_done_again(tmp_path):
     with Processes(2) as executor:
         found = list(map_jobs(partial(lost_once, tmp_path), range(8), executor))
-    assert (tmp_path / "lost").exists()
+    assert (tmp_path / "begun3").exists()
     assert found == [x * x for x in range(8)]
 
 
@@ -101,6 +107,7 @@ def test_a_job_that_ends_every_process_is_named():
 @pytest.mark.parametrize("jobs", [[0, 1], [1, 0]])
 def test_the_neighbour_of_a_job_that_ends_processes_is_done(tmp_path, jobs):
     done = []
+    os.mkfifo(tmp_path / "pipe")
     with Processes(2) as executor, pytest.raises(SoroError, match=f"3 times at job {jobs.index(0)}"):
         done.extend(map_jobs(partial(ends_beside, tmp_path), jobs, executor, False))
     assert done == [1]

@@ -1,13 +1,17 @@
 """`soro fem run` on coarse parts: files, a sweep that stops, Ctrl-C, an output that exists."""
 
 import csv
+import os
+import signal
 
 import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
 
+from soro_core import jobs
 from soro_core.errors import ConfigError
+from soro_core.jobs import Threads
 from soro_design.commands.fem import app as fem
 from soro_design.parts import sweeps
 from soro_design.parts.file import load_part
@@ -117,3 +121,36 @@ def test_ctrl_c_keeps_what_is_done(tmp_path, monkeypatch):
     assert [row["sweep"] for row in rows(out)] == ["pull", "pull", "one"]
     assert (out / "one_last.vtu").is_file()
     assert (out / "shapes.png").is_file()
+
+
+@pytest.mark.process
+@pytest.mark.slow
+def test_two_jobs_keep_the_same_states_to_the_bit(tmp_path):
+    crushed = {"name": "crushed", "extension_m": -0.0195, "states": 4}
+    found = {}
+    for count in ("1", "2"):
+        (tmp_path / count).mkdir()
+        done, _, out = call(tmp_path / count, TUBE, "--jobs", count, sweeps=[crushed, *TUBE["sweeps"]])
+        assert done.exit_code == 1, done.output
+        assert "crushed: stopped" in done.output
+        found[count] = {
+            file.name: file.read_bytes() for file in sorted(out.iterdir()) if file.suffix != ".png"
+        }
+    assert len(found["1"]) > 4
+    assert found["1"] == found["2"]
+
+
+def test_ctrl_c_with_several_jobs_lets_the_sweeps_under_way_end(tmp_path, monkeypatch):
+    class Interrupted(Threads):
+        """Threads; Ctrl-C comes with the first sweep."""
+
+        def submit(self, function, item):
+            os.kill(os.getpid(), signal.SIGINT)
+            return super().submit(function, item)
+
+    monkeypatch.setattr(jobs, "executor_of", lambda *_: Interrupted(2))
+    pulled = [{"name": name, "extension_m": 1e-4, "states": 1} for name in ("a", "b", "c", "d")]
+    done, _, out = call(tmp_path, TUBE, "--jobs", "2", sweeps=pulled)
+    assert done.exit_code == 130
+    assert [row["sweep"] for row in rows(out)] == ["a"]
+    assert "1 of 4 sweeps are done" in done.output

@@ -90,10 +90,16 @@ def test_noise_and_outliers_spoil_nothing(forced: ForcedRun) -> None:
 
 
 def test_what_the_data_do_not_determine_has_no_deviation() -> None:
-    unknown = (Parameter("a", 1.0), Parameter("b", 1.0))
-    found = fit(unknown, lambda v: np.full(5, v["a"] - 2.0))
-    assert found.values["a"] == pytest.approx(2.0)
-    assert math.isinf(found.deviations["b"])
+    unknown = (Parameter("a", 1.0), Parameter("b", 1.0), Parameter("c", 1.0), Parameter("d", 2.0))
+    noise = np.random.default_rng(3).normal(size=50)
+    found = fit(unknown, lambda v: np.append(v["a"] - 2.0 + noise, v["c"] * v["d"] - 3.0 + noise))
+    alone = fit(unknown[:1], lambda v: v["a"] - 2.0 + noise)
+    assert found.values["a"] == pytest.approx(alone.values["a"], abs=1e-3)
+    assert found.deviations["a"] == pytest.approx(alone.deviations["a"], rel=0.05)  # as without the others
+    assert all(math.isinf(found.deviations[name]) for name in "bcd")
+    assert found.message.endswith("; no effect on the data: b; with the same effect on the data: c, d")
+    assert "effect" not in alone.message
+    assert math.isinf(fit(unknown[1:2], lambda v: noise).deviations["b"])
 
 
 def test_deviations_follow_the_noise() -> None:

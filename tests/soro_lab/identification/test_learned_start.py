@@ -1,8 +1,10 @@
 """`soro identify --learn-from`: first guesses from what a controlled run has learned."""
 
+import numpy as np
 import pytest
 
-from soro_core import load_robot
+from soro_core import SoftArm, load_robot
+from soro_core.adaptation.damping import damping_model
 from soro_core.adaptation.kept import FILE, KeptNumbers, digest_of
 from soro_lab.identification.arm.cases.parameters import numbers_of
 from soro_lab.identification.arm.learned_start import with_learned
@@ -39,6 +41,25 @@ def test_gains_slopes_and_stiffness_are_the_learned_ones():
     assert now["link0/k_e"].value == pytest.approx(0.8 * was["link0/k_e"].value)
     assert now["link0/k_b"].value == pytest.approx(1.3 * was["link0/k_b"].value)
     assert found.tip_mass == ROBOT.tip_mass
+
+
+@pytest.mark.parametrize("name", ["tue_three_bellow", "asu_two_segment"])
+def test_the_damping_is_the_learned_one(name):
+    """As the law has it: beside the file's, a retardation time on the stiffness at rest."""
+    robot = load_robot(name)
+    arm = SoftArm(robot)
+    model, times_s = damping_model(arm), {}
+    for k, one in enumerate(model.names):
+        times_s[one] = 0.05 * (k + 1) if k else 0.3 * model.lower[0]
+    numbers = {one: (value, 0.01) for one, value in times_s.items()}
+    found = with_learned(robot, kept(robot=robot.name, digest=digest_of(robot), numbers=numbers))
+    learned = np.diag(model.matrix) * np.array(list(times_s.values()))[model.number]
+    wanted = np.diag(arm.damping_matrix()) + learned
+    assert np.diag(SoftArm(found).damping_matrix()) == pytest.approx(wanted, rel=1e-6)
+    far = {one: (10.0 * low, 0.01) for one, low in zip(model.names, model.lower, strict=True)}
+    bound = with_learned(robot, kept(robot=robot.name, digest=digest_of(robot), numbers=far))
+    least = 0.1 * np.diag(arm.damping_matrix())
+    assert np.diag(SoftArm(bound).damping_matrix()) == pytest.approx(least, rel=1e-6)
 
 
 def test_another_robot_is_refused():

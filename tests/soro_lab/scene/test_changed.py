@@ -10,7 +10,8 @@ from soro_core.config import with_changes
 from soro_core.errors import ConfigError
 from soro_core.safety import Limits
 from soro_core.twin import TwinConfig
-from soro_lab.scene import Scene
+from soro_lab.scene import Scene, load_scene
+from soro_lab.scene.options import given_keys
 
 
 def test_it_keeps_what_was_stated_and_what_was_left_out():
@@ -47,3 +48,11 @@ def test_no_other_copy_skips_the_checks():
     ]
     found = {file.name for file in files if re.search(r"\.model_(copy|construct)\(", file.read_text())}
     assert found == {"valves.py"}
+
+
+@pytest.mark.parametrize("given", [["platform="], ["platform=null"], ["platform=~"]])
+def test_a_scene_without_valves_is_stated_by_a_key_without_a_value(given, tmp_path):
+    assert load_scene("track_circle", given_keys(given)).platform == ""
+    file = tmp_path / "mine.yaml"
+    file.write_text("robot: tue_three_bellow\ndescription:\nplatform:\n")
+    assert load_scene(str(file)).platform == ""

@@ -5,55 +5,19 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import pytest
 import yaml
-from typer.testing import CliRunner
 
 from soro_core.robot import load_robot
 from soro_lab.scene import load_scene
-from soro_ros.cli import application, main
+from soro_ros.cli import main
 from soro_ros.recordings.report import summarise
 from soro_ros.study.closed_loop import run_in_process
 from tests.patience import LIMIT_S
-from tests.soro_ros.running import SORO
-
-SCENE = {
-    "robot": "tue_three_bellow",
-    "rate_hz": 100,
-    "duration_s": 0.3,
-    "twin": {"pose": {"rate_hz": 50}, "refine": 1},
-    "controller": {"law": "composite", "reference": {"start_s": 0.2}},
-}
-FILE = {
-    "samples": 4,
-    "seed": 3,
-    "vary": {
-        "robot.links[0].k_b[0]": {"scale": [0.9, 1.1]},
-        "plant.tip_mass": {"uniform": [0.0, 0.01]},
-        "seed": {"integers": [1, 1000]},
-        "controller.adapt": {"grid": [True, False]},
-    },
-}
-
-
-@pytest.fixture(autouse=True)
-def folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "short.yaml").write_text(yaml.safe_dump(SCENE))
-    (tmp_path / "vary.yaml").write_text(yaml.safe_dump(FILE))
-    return tmp_path
-
-
-def soro(*arguments, file="vary.yaml"):
-    return CliRunner().invoke(application(), ["study", "short.yaml", "--vary", file, *arguments])
-
-
-def table(name="study/short-vary"):
-    return pq.read_table(f"{name}/runs.parquet").to_pylist()
+from tests.soro_ros.running import SORO, child, wait_until
+from tests.soro_ros.study.short_study import FILE, soro, table, vary, write
 
 
 @pytest.fixture(scope="module")
@@ -62,8 +26,7 @@ def done(tmp_path_factory):
     place = tmp_path_factory.mktemp("done")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(place)
-        Path("short.yaml").write_text(yaml.safe_dump(SCENE))
-        Path("vary.yaml").write_text(yaml.safe_dump(FILE))
+        write(place)
         result = soro()
         assert result.exit_code == 0, result.output
         assert "good: 100 (67.56 to 100) % of the runs" in result.output
@@ -112,12 +75,14 @@ def started(*arguments):
                             stdout=subprocess.PIPE, stderr=subprocess.STDOUT)  # fmt: skip
 
 
-def wait_for_rows(process, count, path="study/short-vary/runs.jsonl"):
-    deadline = time.monotonic() + 2 * LIMIT_S
-    while not Path(path).exists() or len(Path(path).read_text().splitlines()) < count:
+def wait_for_rows(process, count):
+    rows = Path("study/short-vary/runs.jsonl")
+
+    def are_there():
         assert process.poll() is None, process.communicate()[0]
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+        return rows.exists() and len(rows.read_text().splitlines()) >= count
+
+    wait_until(are_there, f"{count} rows", 2 * LIMIT_S)
 
 
 @pytest.mark.slow
@@ -150,20 +115,10 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(done):
 def test_a_killed_worker_loses_nothing(done):
     process = started("--jobs", "2")
     wait_for_rows(process, 1)
-    os.kill(worker_of(process.pid), signal.SIGKILL)
+    os.kill(child(process.pid, "spawn_main"), signal.SIGKILL)
     output = process.communicate(timeout=4 * LIMIT_S)[0]
     assert process.returncode == 0, output
     assert table() == done[0]
-
-
-def worker_of(pid):
-    """A child process that computes; another one is the tracker of resources."""
-    children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    return next(c for c in children if b"spawn_main" in Path(f"/proc/{c}/cmdline").read_bytes())
-
-
-def vary(**keys):
-    return {"vary": keys}
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from soro_core.errors import ConfigError
 from soro_ros.study import runs
 from soro_ros.study.folder import StudyFolder
 from soro_ros.study.runs import VariedScene, row_of
-from tests.soro_ros.study.test_study import SCENE, folder, soro, table, vary  # noqa: F401
+from tests.soro_ros.study.short_study import soro, table
 
 ARM = {"based_on": "tue_three_bellow"}
 LAW = "from soro_core.control.laws.tip_pid import TipPid\n\n\nclass Own(TipPid):\n    pass\n"

@@ -1,4 +1,4 @@
-"""Keys of motions along paths of the tip, of its force, and of the checks before the controller is enabled."""
+"""Keys of motions of the tip, of its force, and of the checks before the controller is enabled."""
 
 from __future__ import annotations
 

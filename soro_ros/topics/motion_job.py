@@ -20,7 +20,7 @@ PLANNING, MOVING = "planning", "moving"
 REACHED, REFUSED, LOST, REPLACED, VENTED = "reached", "refused", "lost", "replaced", "vented"
 # Time between two reports of progress [s].
 _REPORT_S = 0.1
-# Error of a force that is reached: a part of it, at least so much [N]; of one that is lost: so many times that.
+# Error of a force that is reached: a part of it, at least so much [N]; of a lost one: so many times that.
 _REACHED_PART, _REACHED_N, _LOST = 0.02, 0.0015, 5.0
 # Time constant of the mean of a force, time for which it stays reached or lost until that is said, and time
 # after the touch within which it must be reached [s].
@@ -180,7 +180,16 @@ class MotionReports:
             self.report(job, job.note, t, off_m)
 
     def judge_press(self, job: PressJob, state: ControllerState, t: float) -> None:
-        """Report progress of a press at time `t` [s], and once its force is there, or lost."""
+        """Report progress of a press, and once its force is there, or lost.
+
+        Parameters
+        ----------
+        job : PressJob
+        state : ControllerState
+            After a tick.
+        t : float
+            Its time [s].
+        """
         found, text = job.judge(state, t)
         if found != job.state:
             self.end(job, found, text, t)

@@ -78,7 +78,7 @@ def test_a_press_approaches_holds_and_lets_go(alone):
         assert re.fullmatch(r"presses with (49|50)\.\d mN", it.until("reached"))
         it.press(0.0, 0.0, 0.0, stamp_s=3.0)
         assert it.until("reached") == ""
-        it.tick(50)
+        it.tick(300)
         assert it.x_m == pytest.approx(0.0, abs=1e-4)
         assert not it.node.state.force.push_n.any()
 

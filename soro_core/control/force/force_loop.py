@@ -1,7 +1,8 @@
 """The loop of the force at the tip, around any law: hybrid control of force and position.
 
-A tip that presses moves along its direction d at the approach speed until it touches something. From then on its
-reference along d is the tip itself, with its speed, so that the law holds it there with no force, and the push
+A tip that presses moves along its direction d at the approach speed until it touches something. From then on
+its reference along d is the tip itself, with its speed, so that the law holds it there without force, and the
+push
 
     J' d (f + z),        dz/dt = rate_per_s (f delayed - F),
 
@@ -9,34 +10,36 @@ is added to the force that the law asks for: f goes from the force at the touch 
 estimated force. Across d the reference stays. (Raibert and Craig, Hybrid position/force control of
 manipulators, 1981; the integral as in Siciliano and Villani, Robot Force Control, 1999.)
 
-The cap does the same to any other reference: while the force is near it, the reference along the force is the tip,
-and f is what the way of the reference into the wall would make, by the stiffness of the tip, at most the cap.
+The cap does the same to any other reference: while the force is near it, the reference along the force is the
+tip, and f is what the way of the reference into the wall would make by the stiffness of the tip, or the cap.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
-from soro_core.control.force.press import Press
-from soro_core.control.force.tip_stiffness import TipStiffness
+from soro_core.control.force.press import Press, likely_force
+from soro_core.control.force.tip_stiffness import StiffnessAtTip
 from soro_core.control.motion_config import ForceControlConfig
 from soro_core.control.reference.trajectory import Point, Reference
 from soro_core.frozen import replaced
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
 
-# Part of the goal from which on the tip touches something, at most so much [N]; and the part of this force below
-# which it has left.
+# Part of the goal from which on the tip touches something, at most so much [N]; and the part of this force
+# below which it has left.
 _TOUCH, _MOST_TOUCH_N, _LEAVES = 0.3, 0.015, 0.3
 # How far the reference of an approach may be ahead of the tip [m]: out of reach the tip does not follow.
 _MOST_AHEAD_M = 0.006
 # Part of the cap from which on the force is bounded.
 _NEAR = 0.5
+# Deviations of an estimated force from which on it is one.
+_SURE = 3.0
 # Time constants [s]: of the tracked tip; of the push towards its goal; of the answer of arm and estimate.
 _TRACK_S, _PUSH_S, _ANSWER_S = 0.2, 0.12, 0.2
 # Rate at which a pressure beyond its range moves the tip so that it is not [1/s].
@@ -71,7 +74,7 @@ class ForceLoopState:
     by_common : ndarray (3, n_links)
         How far a common pressure of each link moves the tip [m/Pa].
     scale : float
-        What makes of a push at the tip of uniform links the same of ones that it bends unevenly.
+        What makes of a push at the tip of uniform links the same of ones that it bends non-uniformly.
     wanted_n, answer_n, added_n : float
         f, f as the estimate is to show it, and z [N].
     felt : ExternalForce or None
@@ -110,6 +113,14 @@ class ForceLoopState:
         return f"no contact {where}: the tip is stopped"
 
 
+class _Contact(NamedTuple):
+    """Direction of a push, and force along it: wanted and estimated [N]."""
+
+    toward: Array
+    goal: float
+    force: float
+
+
 class ForceLoop:
     """Moves references of one arm, and pushes.
 
@@ -130,7 +141,7 @@ class ForceLoop:
         self, arm: SoftArm, fields: StrainFields, k_p: Array, limit: Array, config: ForceControlConfig
     ) -> None:
         self.arm, self.fields, self.k_p, self.limit, self.config = arm, fields, k_p, limit, config
-        self.stiffness = TipStiffness(arm)
+        self.stiffness = StiffnessAtTip(arm)
         # A short step of strains, as inverse kinematics weighs them.
         self._inverse_weight = limit[:, None] * np.linalg.inv(fields.weight) * limit
 
@@ -144,8 +155,7 @@ class ForceLoop:
         state: ForceLoopState,
         wanted: Reference,
         point: Point,
-        q: Array,
-        qd: Array,
+        seen: tuple[Array, Array],
         felt: ExternalForce | None,
         dt: float,
     ) -> ForceLoopState:
@@ -158,7 +168,7 @@ class ForceLoop:
             The reference to follow.
         point : Point
             The reference in force, not moved.
-        q, qd : ndarray (n_q,)
+        seen : pair of ndarray (n_q,)
             Estimated coordinates and rates.
         felt : ExternalForce or None
             Estimated force on the arm at the tip; None where it is not estimated.
@@ -172,8 +182,8 @@ class ForceLoop:
             phase: Phase = "contact" if keeps else "" if press is None else "approach"
             state = replaced(state, press=press, phase=phase, approach_s=0.0)
         if press is None and not self.config.cap_n and not (state.moved.any() or state.wanted_n):
-            return state
-        state = self._tracked(state, q, qd, dt)
+            return state if state.tip is None else replaced(state, tip=None)
+        state = self._tracked(state, *seen, dt)
         tip, speed, _ = self._tip(point.q, point.qd)
         if press is None:
             state = self._bounded(state, point.q, tip, speed, dt)
@@ -182,7 +192,16 @@ class ForceLoop:
         return self._shifted(state, point.q, tip)
 
     def moved_point(self, state: ForceLoopState, point: Point, time_s: float) -> Point:
-        """Return a reference of a time [s] after now with the tip moved."""
+        """Return a reference with the tip moved.
+
+        Parameters
+        ----------
+        state : ForceLoopState
+        point : Point
+            The reference in force at that time.
+        time_s : float
+            Time after now [s].
+        """
         if not state.shift.any():
             return point
         shift = state.shift + time_s * state.shift_rate
@@ -214,7 +233,7 @@ class ForceLoop:
         if pressed > (_LEAVES * touch if state.phase == "contact" else touch):
             if state.phase != "contact":
                 state = self._touched(state, press.q, direction, pressed)
-            return self._in_contact(state, direction, goal, pressed, tip, np.zeros(3), dt)
+            return self._in_contact(state, _Contact(direction, goal, pressed), tip, np.zeros(3), dt)
         approach_s = state.approach_s + dt if state.phase == "approach" else 0.0
         state = self._released(replaced(state, phase="approach", approach_s=approach_s), dt)
         assert state.tip is not None
@@ -229,18 +248,22 @@ class ForceLoop:
     ) -> ForceLoopState:
         """Return the state under the cap, for a reference with the tip there at that speed."""
         cap = self.config.cap_n
-        force = 0.0 if state.felt is None else float(np.linalg.norm(state.felt.force_n))
         back = _fade(state.moved, self.config.follow_speed_m_s, dt)
         if cap and state.felt is not None and state.tip is not None:
-            toward = -state.felt.force_n / max(force, 1e-9)
+            felt = state.felt
+            likely = likely_force(felt.force_n, felt.covariance, cap**2 * np.eye(3))
+            force = max(float(np.linalg.norm(likely)), 1e-9)
+            toward = -likely / force
             into = float(toward @ (tip - state.tip))
-            if into > 0.0 and force > _NEAR * cap * (_LEAVES if state.phase == "contact" else 1.0):
+            is_sure = felt.stage != "free" or force**2 > _SURE**2 * float(toward @ felt.covariance @ toward)
+            near = force > _NEAR * cap * (_LEAVES if state.phase == "contact" else 1.0)
+            if into > 0.0 and is_sure and near:
                 if state.phase != "contact":
                     state = self._touched(state, q, toward, force)
                 goal = min(into / self.stiffness.compliance(q, toward, self.k_p), cap)
                 across = state.moved - (toward @ state.moved) * toward
                 back = _fade(across, self.config.follow_speed_m_s, dt)
-                return self._in_contact(state, toward, goal, force, tip, back, dt, speed)
+                return self._in_contact(state, _Contact(toward, goal, force), tip, back, dt, speed)
         state = self._released(replaced(state, phase=""), dt)
         return replaced(state, rate=back, moved=state.moved + dt * back)
 
@@ -253,7 +276,7 @@ class ForceLoop:
             answer_n=force,
             added_n=0.0,
             speed=np.zeros(3),  # of a wall that rests
-            scale=self.stiffness.unevenness(q, toward),
+            scale=self.stiffness.nonuniformity(q, toward),
             by_common=self.stiffness.by_common_pressure(q),
         )
 
@@ -282,16 +305,15 @@ class ForceLoop:
     def _in_contact(
         self,
         state: ForceLoopState,
-        toward: Array,
-        goal: float,
-        force: float,
+        contact: _Contact,
         tip: Array,
         back: Array,
         dt: float,
         speed: Array | None = None,
     ) -> ForceLoopState:
-        """Return the state with the reference along `toward` at the tip itself, and the push on its way to `goal`."""
+        """Return the state with the reference along `toward` at the tip; the push goes to `goal`."""
         assert state.tip is not None
+        toward, goal, force = contact
         wanted = goal + (state.wanted_n - goal) * float(np.exp(-dt / _PUSH_S))
         answer = wanted + (state.answer_n - wanted) * float(np.exp(-dt / _ANSWER_S))
         added = state.added_n + dt * self.config.rate_per_s * (answer - force)
@@ -331,7 +353,7 @@ class ForceLoop:
         )
 
     def _tracked(self, state: ForceLoopState, q: Array, qd: Array, dt: float) -> ForceLoopState:
-        """Return the state with the tip tracked, without lag at constant speed: a filter's rates are noisy."""
+        """Return the state with the tip tracked, without lag at constant speed; a filter's are noisy."""
         tip, speed, _ = self._tip(q, qd)
         if state.tip is None:
             return replaced(state, tip=tip, speed=speed)

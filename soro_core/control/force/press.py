@@ -53,8 +53,7 @@ class Press(Reference):
         """
         along = np.outer(self.direction, self.direction)
         cone = self.force_n**2 * (_ALONG**2 * along + _ACROSS**2 * (np.eye(3) - along))
-        likely = cone @ np.linalg.solve(cone + felt.covariance, felt.force_n - self.zero_n)
-        return -float(self.direction @ likely)
+        return -float(self.direction @ likely_force(felt.force_n - self.zero_n, felt.covariance, cone))
 
     def is_repeated_by(self, other: Reference, t: float) -> bool:
         """Whether `other` presses alike from the same place."""
@@ -65,3 +64,16 @@ class Press(Reference):
             and np.array_equal(self.direction, other.direction)
             and np.array_equal(self.zero_n, other.zero_n)
         )
+
+
+def likely_force(force_n: Array, covariance: Array, before: Array) -> Array:
+    """Return the force (3,) [N] that is most likely with an estimate and with what is expected before it.
+
+    Parameters
+    ----------
+    force_n : ndarray (3,)
+        Estimate [N].
+    covariance, before : ndarray (3, 3)
+        Its covariance, and that of the forces that may come, about 0 [N^2].
+    """
+    return np.asarray(before @ np.linalg.solve(before + covariance, force_n))

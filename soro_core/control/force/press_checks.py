@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.control.force.tip_stiffness import TipStiffness
+from soro_core.control.force.tip_stiffness import StiffnessAtTip
 from soro_core.control.motions.pressure_feasibility import PressureSupply
 from soro_core.errors import ConfigError
 
 
-def check_force(supply: PressureSupply, stiffness: TipStiffness, q: Array, push_n: Array) -> None:
+def check_force(supply: PressureSupply, stiffness: StiffnessAtTip, q: Array, push_n: Array) -> None:
     """Refuse a force that no pressures within their range can make.
 
     All chambers of a link may get more pressure: it becomes longer then, and presses as before. So the range
@@ -20,7 +20,7 @@ def check_force(supply: PressureSupply, stiffness: TipStiffness, q: Array, push_
     ----------
     supply : PressureSupply
         What the law asks of the chambers, and their range.
-    stiffness : TipStiffness
+    stiffness : StiffnessAtTip
     q : ndarray (n_q,)
         Where the arm begins to press.
     push_n : ndarray (3,)
@@ -32,7 +32,7 @@ def check_force(supply: PressureSupply, stiffness: TipStiffness, q: Array, push_
         With the chamber and the pressure that it would need.
     """
     still, maker = np.zeros_like(q), supply.setpoints
-    scale = stiffness.unevenness(q, push_n / np.linalg.norm(push_n))
+    scale = stiffness.nonuniformity(q, push_n / np.linalg.norm(push_n))
     force = supply.force(q, still, still) + stiffness.slope(q).T @ (scale * push_n)
     wide = maker.allocate(supply.actuation(q), force, maker.preferred_pa, wide=True).pressure_pa
     for of_link in stiffness.chambers:
@@ -47,12 +47,12 @@ def check_force(supply: PressureSupply, stiffness: TipStiffness, q: Array, push_
             raise ConfigError("press", "force", got, allowed)
 
 
-def check_cap(stiffness: TipStiffness, cap_n: float, play_pa: float) -> None:
+def check_cap(stiffness: StiffnessAtTip, cap_n: float, play_pa: float) -> None:
     """Refuse a cap below the force that the friction of the arm hides: play of its regulators, hysteresis.
 
     Parameters
     ----------
-    stiffness : TipStiffness
+    stiffness : StiffnessAtTip
     cap_n : float
         The cap [N]; 0 for none.
     play_pa : float

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from functools import cached_property
+from itertools import pairwise
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.model import SoftArm
 
-# Pieces of a link that a force at the tip bends unevenly, as in the estimate of the force.
+# Pieces of a link that a force at the tip bends non-uniformly, as in the estimate of the force.
 _PIECES = 4
 # Increment of strain for difference quotients.
 _STEP = 1e-6
 
 
-class TipStiffness:
+class StiffnessAtTip:
     """Stiffness of the tip of one arm; chambers at constant pressure add nothing.
 
     Attributes
@@ -27,7 +28,7 @@ class TipStiffness:
     def __init__(self, arm: SoftArm) -> None:
         self.arm = arm
         ends = np.cumsum([0, *(len(link.chambers) for link in arm.robot.links)]).tolist()
-        self.chambers = [slice(a, b) for a, b in zip(ends[:-1], ends[1:], strict=True) if b > a]
+        self.chambers = [slice(a, b) for a, b in pairwise(ends) if b > a]
 
     @cached_property
     def fine(self) -> SoftArm:
@@ -49,8 +50,8 @@ class TipStiffness:
         slope = toward @ _slope(self.arm, q)
         return float(slope @ np.linalg.solve(_stiffness(self.arm, q) + k_p, slope))
 
-    def unevenness(self, q: Array, toward: Array) -> float:
-        """Return the compliance of links that a force at the tip bends unevenly, over that of uniform ones.
+    def nonuniformity(self, q: Array, toward: Array) -> float:
+        """Return the compliance of links that a force at the tip bends non-uniformly, over that of uniform ones.
 
         Parameters
         ----------
@@ -58,12 +59,12 @@ class TipStiffness:
         toward : ndarray (3,)
             Direction of the force.
         """
-        if self.arm.robot.varies:  # its links bend unevenly as they are
+        if self.arm.robot.varies:  # its links bend non-uniformly as they are
             return 1.0
         x = self._fine(q)
         fine, uniform = toward @ _slope(self.fine, x), toward @ _slope(self.arm, q)
-        uneven = fine @ np.linalg.solve(_stiffness(self.fine, x), fine)
-        return float(uneven / (uniform @ np.linalg.solve(_stiffness(self.arm, q), uniform)))
+        nonuniform = fine @ np.linalg.solve(_stiffness(self.fine, x), fine)
+        return float(nonuniform / (uniform @ np.linalg.solve(_stiffness(self.arm, q), uniform)))
 
     def by_common_pressure(self, q: Array) -> Array:
         """Return how far a common pressure of each link with chambers moves the tip (3, n) [m/Pa]."""

@@ -5,6 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from soro_core.adaptation.scales import Scales
 from soro_core.arrays import Array
 
@@ -49,8 +51,10 @@ class Learned:
 
     def usable(self, size: int) -> bool:
         """Whether it has so many values, and all are finite."""
-        theta = self.theta
-        if theta.shape != (size,):
+        theta, own, doubt = self.theta, self.own, self.doubt
+        if theta.shape != (size,) or (own is not None and own.shape != (size,)):
+            return False
+        if not all(part is None or np.isfinite(part).all() for part in (own, doubt)):
             return False
         # The sum of squares says yes at once; it is infinite too where finite values are very large.
         return math.isfinite(theta @ theta) or all(map(math.isfinite, theta.tolist()))

@@ -14,6 +14,7 @@ from soro_core.control.motion_config import EnableBounds, ForceControlConfig, Mo
 from soro_core.control.passivity.adaptation_config import Adaptation
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot, refuse_tendons
+from soro_core.robot.vectors import Vector3
 
 
 def require_chambers(robot: Robot, where: str) -> None:
@@ -156,6 +157,12 @@ class ReferenceConfig(Strict):
         "tip goes straight from one to the next, as fast as `motion` says, and rests at each",
     )
     pause_s: float = Field(0.0, ge=0, le=1e4, description="for kind path: length of the rest at each point")
+    press_n: Vector3 = Field(
+        (0.0, 0.0, 0.0),
+        description="force of the arm on what it meets, in the world: from press_s on the tip goes along it "
+        "and presses; zeros: no press",
+    )
+    press_s: float = Field(0.0, ge=0, le=1e4, description="time after the begin of control of the press")
     rotation_weight_m: float = Field(
         0.0,
         ge=0,

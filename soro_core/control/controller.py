@@ -226,6 +226,8 @@ class Controller(GivenReferences):
         start_s, before = self.config.reference.start_s, state.following
         if state.watch.fallen:
             return self._vented(state, dt)
+        if reference is None:
+            reference = self.configured_press(state, t)
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s

@@ -150,6 +150,13 @@ class GivenReferences:
         self._keep_clear(state, found)
         return found
 
+    def configured_press(self, state: ControllerState, t: float) -> Reference | None:
+        """Return the configured press at time `t` [s]; None where there is none yet, or no estimate."""
+        settings, force = self.config.reference, state.force
+        if not any(settings.press_n) or t < settings.press_s or force.felt is None:
+            return None
+        return force.press or self.press(state, settings.press_n)
+
     def press(self, state: ControllerState, force_n: Array | Sequence[float]) -> Reference:
         """Return a reference that presses with a force; of 0 one that lets go, and returns.
 

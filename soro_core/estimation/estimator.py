@@ -20,6 +20,7 @@ from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.force.observer import ForceState, Noise, force_observer_of
 from soro_core.estimation.force_samples import positions_since
+from soro_core.estimation.kernel.advance import SAME_S
 from soro_core.estimation.learned_input import update_learned_input
 from soro_core.estimation.noise_scaling import scaled_noise
 from soro_core.estimation.replay import replay
@@ -168,7 +169,7 @@ class Estimator:
         fresh = admit(tick, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
         replay(self.filter, tick, fresh)
         tick.monitors = watched(tick.monitors, tick.innovations, self.config.watch)
-        if self._force is not None and tick.t_s >= tick.force.due_s:
+        if self._force is not None and tick.t_s >= tick.force.due_s - SAME_S:
             tick.force = self._observed(tick)
         state = tick.result()
         return state, self._estimate(state)
@@ -190,7 +191,7 @@ class Estimator:
         """Return what is known of the external force after a tick."""
         assert self._force is not None
         if tick.t_s - tick.position_s > self.config.lost_after_s:
-            return ForceState()
+            return ForceState(due_s=tick.t_s + self.config.force.period_s)
         last = tick.force.last
         after_s = -math.inf if last is None else last.stamp_s
         seen, place = positions_since(tick.history, tick.belief, after_s)

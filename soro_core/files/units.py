@@ -41,6 +41,7 @@ _KINDS: dict[str, tuple[str, dict[str, float]]] = {
     "kg/m": ("mass per length", {"g/m": 1e-3, "g/cm": 0.1, "g/mm": 1.0}),
     "kg/m3": ("density", {"g/cm3": 1e3}),
     "N/m": ("stiffness", {"N/mm": 1e3}),
+    "Nm": ("torque", {"Nmm": 1e-3, "mNm": 1e-3}),
     "Nm/rad": ("stiffness", {"Nmm/rad": 1e-3}),
     "Ns/m": ("damping", {"Ns/mm": 1e3}),
     "s/m": ("time per length", {"s/mm": 1e3, "ms/mm": 1.0}),
@@ -50,7 +51,10 @@ _KINDS: dict[str, tuple[str, dict[str, float]]] = {
 }
 # Units of keys by the end of their names.
 _SUFFIXES = {
-    **{unit.lower(): unit for unit in ("Pa", "kg", "m", "s", "us", "Hz", "rad", "deg", "N", "V", "m2", "m3")},
+    **{
+        unit.lower(): unit
+        for unit in ("Pa", "kg", "m", "s", "us", "Hz", "rad", "deg", "N", "Nm", "V", "m2", "m3")
+    },
     "m_s": "m/s",
     "m_s2": "m/s2",
     "rad_s": "rad/s",

@@ -6,20 +6,22 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from soro_core._box import Box
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError, short
 from soro_core.integrate.air import air_behind, air_pressures, initial_air
 from soro_core.integrate.base_motion import Base, base_rows, moved
 from soro_core.integrate.causes import BY_LOAD, describe_at
-from soro_core.integrate.state import Status
-from soro_core.integrate.stepper import internal_states, run_of, stepping
+from soro_core.integrate.state import State, Status
+from soro_core.integrate.stepper import Run, internal_states, run_of, stepping
 from soro_core.model import SoftArm
 from soro_core.model.checks import finite, flat_wrench, note_range, number, refuse_push, require, shaped
+from soro_core.model.dynamics import GOOD
 from soro_core.model.equilibrium.statics import carried_share
 from soro_core.pneumatics.chamber import Gas
 from soro_core.pneumatics.valve_model import ValveModel
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+Wrench: TypeAlias = Callable[[float, State], ArrayLike] | ArrayLike | None
 # Lines of a panel that a legend names, and their styles by the kind of coordinate where there are more.
 MOST_LABELS, STYLES = 8, ("-", "--", ":", "-.")
 # Largest number of values in a run, 8 GB.
@@ -113,7 +116,7 @@ def simulate(
     integrator: str = "trapezoidal",
     pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
     tension: Callable[[float], ArrayLike] | ArrayLike | None = None,
-    wrench: ArrayLike | None = None,
+    wrench: Wrench = None,
     base: Base | None = None,
     valves: ValveModel | None = None,
     pressure0: ArrayLike | None = None,
@@ -138,8 +141,11 @@ def simulate(
         the tensions of tendons stand behind the pressures.
     tension : callable, (n_tendons,) or (n_t, 3, n_tendons), optional
         Tensions of the tendons [N], 0 or more, likewise; `pressure` is then that of the chambers alone.
-    wrench : (6,) or (n_wrenches, 6), optional
-        Constant wrenches, as in `SoftArm.forward_dynamics`.
+    wrench : callable, (6,) or (n_wrenches, 6), optional
+        Wrenches as in `SoftArm.forward_dynamics`, constant or a function of the time [s] and the `State` (q, qd,
+        internal). It is called once a step, with the middle of the step: its time, q and qd extrapolated to
+        there, and internal states of the start. Its value is held over the step. The error is of second order
+        in dt; a stiff force that follows the arm needs a dt below its own time (ADR 0065).
     base : callable, optional
         Motion of the base: its `BaseState` as a function of time, as a `Shake`; default at rest. The
         coordinates are those seen from the base. Not with `valves`.
@@ -200,7 +206,7 @@ def run_once(
     integrator: str = "trapezoidal",
     pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
     tension: Callable[[float], ArrayLike] | ArrayLike | None = None,
-    wrench: ArrayLike | None = None,
+    wrench: Wrench = None,
     base: Base | None = None,
     valves: ValveModel | None = None,
     pressure0: ArrayLike | None = None,
@@ -221,7 +227,6 @@ def run_once(
     q[0] = _initial(q0, arm.n_q, "q0", name)
     v[0] = _initial(qd0, arm.n_q, "qd0", name)
     z[0, : arm.n_internal] = _initial(internal0, arm.n_internal, "internal0", name)
-    w = finite(flat_wrench(arm.robot, wrench), "wrench")
     arm.damping_force(q[0], v[0])  # refuses a collapsed start
     table = _table(
         pressure, times, arm.n_u - (0 if tension is None else len(arm.robot.tendons)), "pressure", name
@@ -239,13 +244,42 @@ def run_once(
         inputs, motion = np.concatenate((table, rows), axis=2), rows[:, 0]
     start = None if pressure0 is None else _initial(pressure0, arm.n_u, "pressure0", name)
     z[0, arm.n_internal :] = initial_air(air, arm, q[0], start)
-    last, code = run(stepping(arm, air, base), (times, inputs, w), (q, v, z))
+    box = stepping(arm, air, base)
+    if callable(wrench):
+        last, code, held = _run_pushed(run, box, wrench, (times, inputs), (q, v, z), arm)
+    else:
+        w = finite(flat_wrench(arm.robot, wrench), "wrench")
+        last, code, held = *run(box, (times, inputs, w), (q, v, z)), wrench
     end = last + 1
-    carried = carried_share(arm, table[last, 0], wrench) if code in BY_LOAD else 1.0
+    carried = carried_share(arm, table[last, 0], held) if code in BY_LOAD else 1.0
     status = describe_at(code, arm, q[last], f" at t = {times[last]:.6g} s", carried)
     pressures = table[:end, 0] if not isinstance(air, Gas) else air_pressures(air, z[:end, arm.n_internal :])
     motion = None if motion is None else motion[:end]
     return Result(times[:end], q[:end], v[:end], z[:end, : arm.n_internal], pressures, status, arm, motion)
+
+
+def _run_pushed(
+    run: Run,
+    box: Box,
+    wrench: Callable[[float, State], ArrayLike],
+    given: tuple[Array, Array],
+    rows: tuple[Array, Array, Array],
+    arm: SoftArm,
+) -> tuple[int, int, ArrayLike | None]:
+    """Run step by step, each with the wrench of its middle; gives the last good row, a code, the last wrench."""
+    (times, inputs), (q, v, z) = given, rows
+    held = None
+    for k in range(len(times) - 1):
+        half = 0.5 * (times[k + 1] - times[k])
+        rate = v[k] + (half / (times[k] - times[k - 1]) * (v[k] - v[k - 1]) if k else 0.0)
+        middle = State(q[k] + 0.5 * half * (v[k] + rate), rate, z[k, : arm.n_internal].copy())
+        held = wrench(float(times[k] + half), middle)
+        w = finite(flat_wrench(arm.robot, held), "wrench(t, state)")
+        step = slice(k, k + 2)
+        last, code = run(box, (times[step], inputs[step], w), (q[step], v[step], z[step]))
+        if last == 0:
+            return k, code, held
+    return len(times) - 1, GOOD, held
 
 
 def _draw(axes: Axes, t: Array, rows: Array, names: Sequence[str]) -> None:

@@ -57,5 +57,5 @@ def covariance(external: ExternalForce, stamp_ns: int) -> JointState:
 
 def stage_of(message: JointState) -> str:
     """Return the stage of contact that stands on arm/wrench/covariance; empty where it has none."""
-    known = dict(zip(message.name, message.position, strict=False)).get("stage")
+    known = dict(zip(message.name, message.position, strict=False)).get("stage", -1.0)
     return STAGES[int(known)] if known in range(len(STAGES)) else ""

@@ -51,14 +51,13 @@ def certainty_of(message: JointState, n_q: int) -> Certainty | None:
     force = np.array(message.effort, dtype=np.float64)
     if force.size not in (0, _FORCE) or not messages.is_possible(force):
         return None
-    external = _external(*force[:2], force[2:5], force[5:].reshape(3, 3)) if force.size else None
-    return Certainty(values[1:].reshape(size, size), bool(values[0]), external)
+    return Certainty(values[1:].reshape(size, size), bool(values[0]), _external(force))
 
 
-def _external(stage: float, mass_free: float, force_n: Array, covariance: Array) -> ExternalForce | None:
-    if stage not in range(len(STAGES)):
+def _external(values: Array) -> ExternalForce | None:
+    if not values.size or values[0] not in range(len(STAGES)):
         return None
-    return ExternalForce(force_n, covariance, STAGES[int(stage)], bool(mass_free))
+    return ExternalForce(values[2:5], values[5:].reshape(3, 3), STAGES[int(values[0])], bool(values[1]))
 
 
 def learned(model: Learned | None, stamp_ns: int) -> JointState:

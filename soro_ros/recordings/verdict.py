@@ -86,7 +86,7 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
         found = _followed(summary, scene, recording)
     more = [line for line in end.warnings if line not in found.reason]
     reason = "; ".join(filter(None, (found.reason, *more)))
-    notes = ()
+    notes: tuple[str, ...] = ()
     if recording is not None:
         notes = (*(_requested(recording) if end.status == 0 else ()), *_touched(recording))
     return replace(found, reason=reason, notes=(*found.notes, *notes, *_notes(said)))
@@ -151,11 +151,12 @@ def _requested(recording: RunRecording) -> tuple[str, ...]:
 
 
 def _touched(recording: RunRecording) -> tuple[str, ...]:
-    """Return a line on when the arm touched something, by what the estimator says."""
-    contacts = [event for event in recording.events if event.kind == "contact"]
+    """Return a line on when the arm touched something under control, by what the estimator says."""
+    end_s = float(recording.wanted_tip.t[-1]) if recording.wanted_tip.t.size else 0.0
+    contacts = [event for event in recording.events if event.kind == "contact" and event.t_s < end_s]
     times = [event.t_s for event in contacts]
     if len(times) % 2:
-        times.append(float(recording.force_doubt.t[-1]))
+        times.append(end_s)
     if not times:
         return ()
     first, lasted_s = contacts[0], sum(times[1::2]) - sum(times[::2])

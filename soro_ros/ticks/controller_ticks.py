@@ -311,7 +311,7 @@ class ControllerTicks:
             self._publish(command.setpoint_pa, stamp_ns)
         if probe is not None:  # the law has not begun
             return
-        self._report.publish(command, stamp_ns)
+        self._report.publish(command, self.state.force.press, stamp_ns)
         tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
         self.motions.tick(self.state, t, tip, start_s)
 

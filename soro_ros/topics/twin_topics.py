@@ -132,8 +132,8 @@ class PushTopic:
 
     def now(self) -> tuple[Array, Array]:
         """Force [N] and torque [N m] (3,) that act now, in the world."""
-        stamp_ns, *acting = self._newest
-        return tuple(acting) if self._now_ns() - stamp_ns <= PUSH_NS else _NOTHING
+        stamp_ns, force, torque = self._newest
+        return (force, torque) if self._now_ns() - stamp_ns <= PUSH_NS else _NOTHING
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         if not self.frames.takes_in_world(PUSHED, message.header.frame_id):

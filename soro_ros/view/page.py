@@ -237,7 +237,8 @@ class ViewerPage:
             self._wanted.position = now.wanted
         self._force.visible = known and now.force is not None
         if poses is not None and now.force is not None:
-            self._force.points = arrow_of(now.force, poses[-1, :3, 3], self._robot.length)[None]
+            arrow = arrow_of(now.force, poses[-1, :3, 3], self._robot.length)
+            self._force.points = arrow[None].astype(np.float32)
         part = {name: value / self._most_pa for name, value in now.pressure.items()}
         for mesh, colour in zip(self._meshes, self._skin.colours(part), strict=True):
             mesh.color = _rgb(colour)

@@ -2,6 +2,7 @@
 
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,6 +11,9 @@ from matplotlib import pyplot
 from rclpy.serialization import deserialize_message, serialize_message
 
 from soro_core.adaptation.external_force import ExternalForce
+from soro_core.control.config import ReferenceConfig
+from soro_core.control.external_references import GivenReferences
+from soro_core.control.force.press import Press
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import load_robot
@@ -24,6 +28,7 @@ from soro_ros.recordings.evidence import evidence_of
 from soro_ros.recordings.verdict import judge
 from soro_ros.run.end import End
 from soro_ros.status_words import STAGES
+from soro_ros.ticks.control_report import ControlReport
 from tests.soro_ros.direct import active, captured, fire, receive, values
 
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
@@ -159,3 +164,33 @@ def test_the_estimator_publishes_the_force_its_covariance_and_its_stage(domain):
     assert external.stage == STAGES[int(doubt["stage"])]
     assert said.startswith(external.stage)
     assert f"{1e3 * found[0]:.1f}" in said
+
+
+def test_a_press_tells_the_force_that_ought_to_be_on_the_arm():
+    sent, command = {}, SimpleNamespace(tip_reference=np.eye(4))
+    report = ControlReport([], "map", sent.__setitem__, lambda topic: topic.startswith("arm/desired"))
+    report.publish(command, None, 5)
+    assert list(sent) == ["arm/desired/tip"]
+    press = Press(np.zeros(3), np.array([0.0, -1.0, 0.0]), 0.08, np.zeros(3))
+    report.publish(command, press, 5)
+    goal = sent["arm/desired/wrench"]
+    assert (goal.header.frame_id, messages.to_ns(goal.header.stamp)) == ("map", 5)
+    assert force.force_of(goal) == pytest.approx([0.0, 0.08, 0.0])
+
+
+@pytest.mark.parametrize(
+    ("t", "felt", "presses"), [(1.9, True, False), (2.0, False, False), (2.0, True, True)]
+)
+def test_a_configured_press_begins_at_its_time_once_the_force_is_known(t, felt, presses):
+    settings = ReferenceConfig(press_n=(0.0, 0.05, 0.0), press_s=2.0)
+    made = []
+    arm = SimpleNamespace(
+        config=SimpleNamespace(reference=settings),
+        press=lambda state, force_n: made.append(force_n) or "press",
+    )
+    loop = SimpleNamespace(felt=object() if felt else None, press=None)
+    found = GivenReferences.configured_press(arm, SimpleNamespace(force=loop), t)
+    assert (found, made) == (("press", [settings.press_n]) if presses else (None, []))
+    under_way = SimpleNamespace(felt=loop.felt, press="the one under way")
+    if presses:
+        assert GivenReferences.configured_press(arm, SimpleNamespace(force=under_way), t) == under_way.press

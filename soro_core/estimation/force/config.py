@@ -13,7 +13,10 @@ class ForceConfig(Strict):
     enabled: bool = Field(True, description="estimate the external force at the tip")
     period_s: float = Field(0.02, gt=0, le=1, description="time between two estimates")
     pieces: int = Field(
-        4, ge=1, le=16, description="pieces of each link of the model: a force at the tip bends it unevenly"
+        4,
+        ge=1,
+        le=16,
+        description="pieces of each link, which a force bends unevenly; at most 8 where links allow it",
     )
     low_pass_per_s: float = Field(8.0, gt=0, le=1e3, description="low-pass of the force that is told [rad/s]")
     fast_per_s: float = Field(

@@ -23,6 +23,9 @@ from soro_core.estimation.force.tip_balance import Measured, TipBalance, TipBala
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.model import SoftArm
 
+# Pieces of an arm of few links; the time of a balance grows with the cube of their number.
+_MOST_PIECES = 8
+
 
 class Seen(NamedTuple):
     """One position of a place of the arm, and what the arm did then.
@@ -117,7 +120,8 @@ class ForceObserver:
 
     def __init__(self, arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> None:
         self.arm, self.config, self.noise = arm, config, noise
-        self.balancer = TipBalancer(arm, links, config.pieces)
+        self._pieces = max(1, min(config.pieces, _MOST_PIECES // len(arm.robot.links)))
+        self.balancer = TipBalancer(arm, links, self._pieces)
         self.force = LearnedForce(arm, links)
         self._nothing = np.zeros(self.force.size)
 
@@ -217,9 +221,9 @@ class ForceObserver:
         doubt = None if learned is None else learned.doubt
         # Free motion teaches the gains against the stiffness: an error of their scale is one of F alone.
         gain = balance.force_n
-        if doubt is None:
+        if doubt is None or doubt.shape != (arm.n_q, arm.n_q):
             gain = balance.by_pressure @ arm.acting_pressure(measured.pressure_pa)
-            q, scales = balance.x @ self.balancer.spread / config.pieces, self.force.scales
+            q, scales = balance.x @ self.balancer.spread / self._pieces, self.force.scales
             load = mass_prior(arm)[0] * arm.tip_mass_force(q, measured.qd, measured.qdd)
             elastic = config.stiffness_std * scales.stiffness * scales.force * q
             doubt = np.diag(elastic**2) + np.outer(load, load)

@@ -54,7 +54,7 @@ def test_where_the_search_fails_it_says_what_to_do():
 
 
 def planar_rod(bending, axial, force, torque):
-    """Tip (y, z) and turn towards y of a clamped rod without weight under a wrench that turns with its tip."""
+    """Tip (y, z) and turn to y of a clamped rod without weight under a wrench that turns with its tip."""
 
     def rates(s, state, p):
         (theta, moment), (turn,) = state[2:], p

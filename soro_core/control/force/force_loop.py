@@ -41,7 +41,7 @@ _NEAR = 0.5
 # Deviations of an estimated force from which on it is one.
 _SURE = 3.0
 # Time constants [s]: of the tracked tip; of the push towards its goal; of the answer of arm and estimate.
-_TRACK_S, _PUSH_S, _ANSWER_S = 0.2, 0.12, 0.2
+_TRACK_S, _PUSH_S, _ANSWER_S = 0.5, 0.12, 0.2
 # Rate at which a pressure beyond its range moves the tip so that it is not [1/s].
 _RELIEF_PER_S = 3.0
 # Largest part of the goal that the integral adds.
@@ -253,7 +253,10 @@ class ForceLoop:
             felt = state.felt
             likely = likely_force(felt.force_n, felt.covariance, cap**2 * np.eye(3))
             force = max(float(np.linalg.norm(likely)), 1e-9)
-            toward = -likely / force
+            if state.phase == "contact":  # the direction of a noisy force would turn the reference
+                toward, force = state.toward, float(-state.toward @ likely)
+            else:
+                toward = -likely / force
             into = float(toward @ (tip - state.tip))
             is_sure = felt.stage != "free" or force**2 > _SURE**2 * float(toward @ felt.covariance @ toward)
             near = force > _NEAR * cap * (_LEAVES if state.phase == "contact" else 1.0)

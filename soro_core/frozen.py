@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 Frozen = TypeVar("Frozen")
 
 
-def replaced(before: Frozen, **changes: Any) -> Frozen:
+def replaced(before: Frozen, /, **changes: Any) -> Frozen:
     """Return what `dataclasses.replace` returns, in a quarter of its time.
 
     Parameters

@@ -39,6 +39,7 @@ _GROUPS = {
         "move": "soro_ros.commands.move:move",
     },
     "A running arm": {
+        "press": "soro_ros.commands.move:press",
         "vent": "soro_ros.commands.services:vent",
         "reset": "soro_ros.commands.services:reset",
         "enable": "soro_ros.commands.services:enable",

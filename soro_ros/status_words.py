@@ -1,9 +1,21 @@
 """Words by which nodes say that they give nothing, or have vented; without ROS, for who reads them."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:  # with the code of the filter
+    from soro_core.adaptation.external_force import Stage
+
+if TYPE_CHECKING:  # with the code of the filter
+    pass
+
 # Of a controller while it sends no command, and of an estimator without an estimate.
 NO_COMMAND, NO_ESTIMATE = "no command", "no estimate"
 # Of a node that drives valves, while its latch is closed; and behind it, if someone asked for the vent.
 VENTED, REQUESTED = "vented", "vent requested"
+# Stages of an outside force on the arm, in the order of their numbers on topics.
+STAGES: tuple[Stage, ...] = ("free", "outside force", "contact")
 
 
 def is_requested(message: str) -> bool:

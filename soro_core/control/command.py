@@ -14,6 +14,7 @@ from soro_core.adaptation.regulators import ObserverState
 from soro_core.arrays import Array
 from soro_core.control.bumpless import BumplessTransfer
 from soro_core.control.control_monitor import ControlMonitorState
+from soro_core.control.force.force_loop import ForceLoopState
 from soro_core.control.laws.limit_cycle import LimitCycleState
 from soro_core.control.laws.protocol import Terms
 from soro_core.control.probing.procedure import ProbeState
@@ -43,6 +44,8 @@ class ControllerState:
         Chambers at a bound at the last tick.
     limit_cycle : LimitCycleState
         Swings of the loop, and the part of the feedback that is in force.
+    force : ForceLoopState
+        Of what moves the reference by the force at the tip.
     regulators : ObserverState or None
         State of the regulators' observer; None where the law has none.
     watch : ControlMonitorState
@@ -67,6 +70,7 @@ class ControllerState:
     shape: UnderactuatedState
     saturated: NDArray[np.bool_]
     limit_cycle: LimitCycleState
+    force: ForceLoopState
     regulators: ObserverState | None = None
     watch: ControlMonitorState = field(default_factory=ControlMonitorState)
     following: ActiveReference | None = None

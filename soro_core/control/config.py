@@ -10,10 +10,11 @@ from pydantic import Field, ValidationError, ValidationInfo, field_validator, mo
 
 from soro_core.config import Floats, InnerError, Points, Strict
 from soro_core.control.laws.registry import find_law, named, with_folder
-from soro_core.control.motion_config import EnableBounds, MotionConfig
+from soro_core.control.motion_config import EnableBounds, ForceControlConfig, MotionConfig
 from soro_core.control.passivity.adaptation_config import Adaptation
 from soro_core.errors import ConfigError
 from soro_core.robot import Robot, refuse_tendons
+from soro_core.robot.vectors import Vector3
 
 
 def require_chambers(robot: Robot, where: str) -> None:
@@ -156,6 +157,12 @@ class ReferenceConfig(Strict):
         "tip goes straight from one to the next, as fast as `motion` says, and rests at each",
     )
     pause_s: float = Field(0.0, ge=0, le=1e4, description="for kind path: length of the rest at each point")
+    press_n: Vector3 = Field(
+        (0.0, 0.0, 0.0),
+        description="force of the arm on what it meets, in the world: from press_s on the tip goes along it "
+        "and presses; zeros: no press",
+    )
+    press_s: float = Field(0.0, ge=0, le=1e4, description="time after the begin of control of the press")
     rotation_weight_m: float = Field(
         0.0,
         ge=0,
@@ -222,6 +229,9 @@ class ControllerConfig(Strict):
     pressures: AllocationConfig = Field(AllocationConfig(), description="allocation and regulators")
     reference: ReferenceConfig = Field(ReferenceConfig(), description="reference")
     motion: MotionConfig = Field(MotionConfig(), description="motions along paths of the tip")
+    force: ForceControlConfig = Field(
+        ForceControlConfig(), description="force at the tip: pressing, and its bound"
+    )
     check_at_enable: Literal["refuse", "warn", "off"] = Field(
         "refuse",
         description="what a finding of the checks before ~/enable does; samples that are not fresh refuse "

@@ -16,6 +16,7 @@ from soro_core.control.command import Command, ControllerState, ControllerStatus
 from soro_core.control.config import ControllerConfig, require_chambers
 from soro_core.control.control_monitor import ControlMonitorState, input_error, update_monitor
 from soro_core.control.external_references import GivenReferences
+from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.call import call_law, try_law
 from soro_core.control.laws.guard import refused
@@ -114,6 +115,7 @@ class Controller(GivenReferences):
         self.limit_cycles = LimitCycleWatch(self.arm, model.links, self.pressures.preview_s)
         known = self.pressures
         self._nothing = np.zeros(self.arm.n_u)
+        self.force_loop = ForceLoop(self.arm, self.fields, self.gains.k_p, self.limit, config.force)
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
         self.obstacles = obstacles_of(self.arm, model.links)
         self.check_way(self.law.initial_state(), np.zeros(self.arm.n_q))
@@ -142,6 +144,7 @@ class Controller(GivenReferences):
             regulators=self.observer.initial_state(start) if self.law.observes_regulators else None,
             probe=None if self.probe is None else self.probe.initial_state(),
             limit_cycle=no_limit_cycle(self.arm.n_q),
+            force=self.force_loop.initial_state(),
         )
 
     def step(
@@ -223,11 +226,19 @@ class Controller(GivenReferences):
         start_s, before = self.config.reference.start_s, state.following
         if state.watch.fallen:
             return self._vented(state, dt)
+        if reference is None:
+            reference = self.configured_press(state, t)
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
-        later = partial(reference_ahead, self.bounds, following)
-        point, future = later(0.0), later(preview_s)
+        point = reference_ahead(self.bounds, following, 0.0)
+        external = None if certainty is None else certainty.external
+        force = self.force_loop.step(state.force, following.wanted, point, (q, qd), external, dt)
+
+        def later(time_s: float) -> Point:
+            return self.force_loop.moved_point(force, reference_ahead(self.bounds, following, time_s), time_s)
+
+        point, future = self.force_loop.moved_point(force, point, 0.0), later(preview_s)
         try:
             shape, ahead = state.shape, Preview(point, future, preview_s, later=later)
             # A law that learns from the tracking error needs that of all coordinates.
@@ -243,7 +254,7 @@ class Controller(GivenReferences):
             creep=state.creep,
             pressure_pa=measured,
             saturated=state.saturated,
-            external=None if certainty is None else certainty.external,
+            external=self.force_loop.told(force),
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:
@@ -252,6 +263,7 @@ class Controller(GivenReferences):
         if part < 1.0:
             terms, desired = lowered(terms, desired, part)
         transfer, desired = apply_transfer(state.transfer, desired, dt)
+        desired = desired + self.force_loop.push(force, ahead.ahead.q)
         place = self.law.place(belief, ahead)
         actuation = self.arm.actuation_matrix(place)
         believed = self.law.actuation(inner, actuation, place)
@@ -264,6 +276,7 @@ class Controller(GivenReferences):
         inner = self.law.allocated(inner, Made(desired, wish.force, actuation, acting, saturated), dt)
         missing = self.setpoints.missing_pa(believed, desired, wish) if saturated else self._nothing
         asked = AskedForce(terms, believed @ bias, missing)
+        force = self.force_loop.relieved(force, missing, dt)
         limit_cycle = self.limit_cycles.step(state.limit_cycle, asked, point.q, belief, dt)
         tip_reference = self.arm.pose(point.q, self.arm.length)
         after = replaced(
@@ -281,8 +294,9 @@ class Controller(GivenReferences):
             shape=shape,
             point=point,
             limit_cycle=limit_cycle,
+            force=force,
         )
-        notes = filter(None, (after.watch.note, limit_cycle.note, state.probed))
+        notes = filter(None, (after.watch.note, limit_cycle.note, force.note, state.probed))
         return after, Command(
             setpoint_pa=made.command_pa,
             desired_force=desired,

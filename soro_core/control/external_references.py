@@ -10,16 +10,21 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
+from soro_core.control.force.force_loop import ForceLoop
+from soro_core.control.force.press import Press
+from soro_core.control.force.press_checks import check_cap, check_force
 from soro_core.control.laws.protocol import Law
 from soro_core.control.motions.lookout import Lookout, keep_clear
 from soro_core.control.motions.motion import finished
 from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.obstacles import Obstacles
+from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import key_of, tip_reference, trajectory_reference
 from soro_core.control.motions.resting_shape import resting_shape
+from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.reference.active_reference import reference_ahead
 from soro_core.control.reference.reference_transition import Bounds
-from soro_core.control.reference.trajectory import Reference
+from soro_core.control.reference.trajectory import Hold, Reference
 from soro_core.control.reference.underactuation import UnderactuatedReference
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
@@ -52,6 +57,8 @@ class GivenReferences:
     underactuated : UnderactuatedReference
     configured : Reference or None
         The configured reference; None to hold the arm where it is.
+    force_loop : ForceLoop
+    setpoints : SetpointMaker
     """
 
     arm: SoftArm
@@ -64,6 +71,8 @@ class GivenReferences:
     law: Law[Any]
     underactuated: UnderactuatedReference
     configured: Reference | None
+    force_loop: ForceLoop
+    setpoints: SetpointMaker
     initial_state: Callable[[], ControllerState]
 
     def trajectory(
@@ -140,6 +149,60 @@ class GivenReferences:
         )
         self._keep_clear(state, found)
         return found
+
+    def configured_press(self, state: ControllerState, t: float) -> Reference | None:
+        """Return the configured press at time `t` [s]; None where there is none yet, or no estimate."""
+        settings, force = self.config.reference, state.force
+        if not any(settings.press_n) or t < settings.press_s or force.felt is None:
+            return None
+        return force.press or self.press(state, settings.press_n)
+
+    def press(self, state: ControllerState, force_n: Array | Sequence[float]) -> Reference:
+        """Return a reference that presses with a force; of 0 one that lets go, and returns.
+
+        Parameters
+        ----------
+        state : ControllerState
+            The tip presses from where its reference is; one that presses goes on from where it began.
+        force_n : ndarray (3,)
+            Force of the arm on what it meets, in the world [N]. Its direction is the way of the tip.
+
+        Returns
+        -------
+        Reference
+
+        Raises
+        ------
+        ConfigError
+            If a number is not finite, there is nothing to let go, or no force that is estimated, the force is
+            beyond the cap or what pressures can make, or the cap below the friction of the arm.
+        """
+        push = np.asarray(force_n, dtype=np.float64)
+        if push.shape != (3,) or not np.all(np.isfinite(push)):
+            raise ConfigError("press", "force", push.tolist(), "three finite numbers [N]")
+        config, size, before = self.config.force, float(np.linalg.norm(push)), state.force.press
+        if size == 0.0:
+            if before is None:
+                raise ConfigError(
+                    "press", "force", "0 N", "a force above 0; 0 lets go, and nothing is pressed"
+                )
+            return Hold(before.q)
+        if config.cap_n and size > config.cap_n:
+            allowed = f"at most the cap, {1e3 * config.cap_n:g} mN (force.cap_n)"
+            raise ConfigError("press", "force", f"{1e3 * size:g} mN", allowed)
+        felt = state.force.felt
+        if felt is None or state.following is None:
+            raise ConfigError(
+                "press", "force", "no estimate of it", "an arm in control whose tip is measured"
+            )
+        stiffness = self.force_loop.stiffness
+        check_cap(stiffness, config.cap_n, self.setpoints.pressures.play_pa)
+        q = reference_ahead(self.bounds, state.following, 0.0).q if before is None else before.q
+        supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
+        check_force(supply, stiffness, q, push)
+        if before is not None:  # it touches something perhaps, and does not begin
+            return Press(q, push / size, size, before.zero_n)
+        return Press(q, push / size, size, felt.force_n.copy() if config.tare else np.zeros(3))
 
     def lookout(self, law_state: object, start: Array) -> Lookout | None:
         """Return what looks out for the obstacles that the robot file knows; None where it knows none.

@@ -1,4 +1,4 @@
-"""Keys of motions along paths of the tip, and of the checks before the controller is enabled."""
+"""Keys of motions of the tip, of its force, and of the checks before the controller is enabled."""
 
 from __future__ import annotations
 
@@ -29,6 +29,27 @@ class MotionConfig(Strict):
     )
     settle_s: float = Field(
         2.0, gt=0, le=60, description="time after the end of a motion within which the tip must be there"
+    )
+
+
+class ForceControlConfig(Strict):
+    """How the controller presses, and the largest force that it lets the tip meet."""
+
+    approach_speed_m_s: float = Field(
+        0.005, gt=0, le=1, description="speed of the tip towards what it is to press on; bounds the first hit"
+    )
+    approach_s: float = Field(
+        10.0, gt=0, le=600, description="longest time without contact; the tip then stops where it is"
+    )
+    follow_speed_m_s: float = Field(
+        0.03, gt=0, le=1, description="fastest that the reference moves with what the tip presses on"
+    )
+    rate_per_s: float = Field(1.5, gt=0, le=100, description="rate at which an error of the force ends")
+    cap_n: float = Field(
+        0.0, ge=0, le=1e3, description="largest force at the tip, whatever the reference asks; 0 for no bound"
+    )
+    tare: bool = Field(
+        False, description="a press that begins counts the estimated force of that moment as none"
     )
 
 

@@ -17,6 +17,7 @@ from soro_core.config import Strict
 from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
+from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.limit_cycle import no_limit_cycle
 from soro_core.control.laws.registry import options_of
@@ -41,7 +42,7 @@ MOTION = (
     "pause_s",
 )
 _LIVE = {
-    "": ("adapt", "gains", "motion", "pressures"),
+    "": ("adapt", "force", "gains", "motion", "pressures"),
     "reference": (*MOTION, "start_s", "rotation_weight_m", "tip_tolerance_m"),
     "pressures": ("minimum_pa", "maximum_pa", "rise_pa_s", "fall_pa_s"),
 }
@@ -120,6 +121,7 @@ def _with_keys(controller: Controller, config: ControllerConfig, pressures: Comp
     if config.gains != before.gains:
         ahead_s, factors = new.pressures.preview_s, new.law.feedback_factors
         new.gains = gains_of(new.arm, new.fields, config.gains, pieces, ahead_s, factors)
+    new.force_loop = ForceLoop(new.arm, new.fields, new.gains.k_p, new.limit, config.force)
     if _moves_otherwise(before, config):
         new.configured = configured_reference(new.arm, new.bounds, config, new.pressures)
         check_configured(new.bounds, new.configured)

@@ -1,4 +1,4 @@
-"""`soro move line|arc|spline|to`: motions of the tip of a running arm."""
+"""`soro move line|arc|spline|to` and `soro press`: the tip of a running arm moves, and presses."""
 
 from __future__ import annotations
 
@@ -37,6 +37,12 @@ _POINTS = {
 }
 
 
+_NODE = typer.Option(help="Controller, by its full name or its end; default: the only one.")
+_TIMEOUT = unit_option(
+    "--timeout", "s", 0.1, 600.0, "10s", help="Longest wait for a node, an answer or progress."
+)
+
+
 def move(
     kind: Annotated[
         MotionType,
@@ -66,15 +72,8 @@ def move(
         float | None,
         unit_option("--acceleration", "m/s2", 1e-6, help="Largest, also of later motions."),
     ] = None,
-    node: Annotated[
-        str, typer.Option(help="Controller, by its full name or its end; default: the only one.")
-    ] = "",
-    timeout_s: Annotated[
-        float,
-        unit_option(
-            "--timeout", "s", 0.1, 600.0, "10s", help="Longest wait for a node, an answer or progress."
-        ),
-    ] = 10.0,
+    node: Annotated[str, _NODE] = "",
+    timeout_s: Annotated[float, _TIMEOUT] = 10.0,
 ) -> None:
     """Move the tip of a running arm from where it is wanted now, and wait until it is there.
 
@@ -95,6 +94,81 @@ def move(
         start = mover.start()
         status = mover.move(path(kind, start, goals + start if relative else goals))
     raise typer.Exit(status)
+
+
+def press(
+    force: Annotated[str, typer.Argument(help="Force on what the tip meets: 100mN; a number alone is in N.")],
+    direction: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="X Y Z",
+            help="Where the tip goes and presses, in the world frame: three numbers of any length, 0 -1 0.",
+            show_default=False,
+        ),
+    ],
+    duration_s: Annotated[
+        float,
+        unit_option("--duration", "s", 0.0, 3600.0, "5s", help="How long the force is held before it ends."),
+    ] = 5.0,
+    tare: Annotated[
+        bool, typer.Option("--tare", help="The force that is estimated at the begin counts as none.")
+    ] = False,
+    cap: Annotated[
+        float | None,
+        unit_option(
+            "--cap", "N", 0.0, 1e3, help="Largest force, also later, whatever the reference asks; 0: none."
+        ),
+    ] = None,
+    approach_speed: Annotated[
+        float | None,
+        unit_option(
+            "--approach-speed", "m/s", 1e-6, 1.0, help="Until the tip touches something, also later."
+        ),
+    ] = None,
+    approach_s: Annotated[
+        float | None,
+        unit_option("--approach", "s", 1e-3, 600.0, help="Longest time until it does, also later."),
+    ] = None,
+    node: Annotated[str, _NODE] = "",
+    timeout_s: Annotated[float, _TIMEOUT] = 10.0,
+) -> None:
+    """Press on what is in the way of the tip, hold the force, let go and return to the begin.
+
+    The tip goes along the direction from where it is wanted now, slowly, until it touches something, and then
+    keeps the force along the direction; across it, it stays. The controller must estimate forces
+    (docs/motion.md): the tip is measured. `--tare`: only while nothing touches the arm.
+
+    Exit status 0: the force was held for the duration, and the tip is back. 1: the tip met nothing, the force
+    was not reached or lost, or the press was replaced or vented. 2: it was refused before anything moved.
+    Ctrl-C lets go and ends the command.
+    """
+    size = Quantity("N", 0.0, 1e3, "100mN").number(force, "soro press", "FORCE")
+    along = _direction(direction)
+    given = {
+        "control.force.cap_n": cap,
+        "control.force.approach_speed_m_s": approach_speed,
+        "control.force.approach_s": approach_s,
+        "control.force.tare": tare,
+    }
+    with service_caller() as caller:
+        from soro_ros.run.motion_client import Presser
+
+        name = one_node(caller, "enable", node, timeout_s, COMMANDS)
+        presser = Presser(caller, name, timeout_s, typer.echo)
+        presser.configure({key: value for key, value in given.items() if value is not None})
+        presser.start()
+        status = presser.press(size * along, duration_s)
+    raise typer.Exit(status)
+
+
+def _direction(words: list[str]) -> Array:
+    """Unit vector (3,) of a direction in words."""
+    number = Quantity("", -math.inf, math.inf, "0 -1 0")
+    found = np.array([number.number(word, "soro press", "X Y Z") for word in words])
+    length = float(np.linalg.norm(found))
+    if found.shape != (3,) or not 0.0 < length < math.inf:
+        raise ConfigError("soro press", "X Y Z", " ".join(words), "three numbers that are not all 0")
+    return np.asarray(found / length)
 
 
 def path(kind: MotionType, start: Array, goals: Array) -> Array:

@@ -1,11 +1,16 @@
 """Messages between filter and learner: arm/covariance and arm/learned, a JointState each (ADR 0060).
 
 The header has the stamp, `position` the numbers, and no joint has a name.
-arm/covariance: 1 if the filter has positions of the arm, else 0, then P of (q, qd) row by row.
-arm/learned: the learned model. Without numbers: there is none at this tick.
+arm/covariance: 1 if the filter has positions of the arm, else 0, then P of (q, qd) row by row. Where the
+force on the arm is estimated, `effort` has its stage, 1 if the load may be learned, else 0, then the force
+and its covariance.
+arm/learned: the learned model; `velocity` and `effort` have its parts `own` and `doubt`, if there are any.
+Without numbers: there is none at this tick.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,11 +18,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
 from soro_core.adaptation import Learned
+from soro_core.adaptation.external_force import ExternalForce
+from soro_core.arrays import Array
 from soro_core.control.laws import Certainty
 from soro_ros.conversion import messages
+from soro_ros.status_words import STAGES
 
 TOPICS = ("arm/covariance", "arm/learned")
 _STAMP = 2
+_FORCE = 2 + 3 + 9  # numbers of an estimated force
 _MOST_TIME = 2.0**31  # seconds of a ROS time
 
 
@@ -25,31 +34,57 @@ def covariance(certainty: Certainty | None, stamp_ns: int) -> JointState:
     """Return what a filter says of its estimate as a message."""
     if certainty is None:
         return _message(stamp_ns, ())
-    return _message(stamp_ns, np.concatenate([[certainty.positions], certainty.covariance.ravel()]))
+    message = _message(stamp_ns, np.concatenate([[certainty.positions], certainty.covariance.ravel()]))
+    if (force := certainty.external) is not None:
+        known = [STAGES.index(force.stage), force.mass_free]
+        message.effort = messages.doubles(np.concatenate([known, force.force_n, force.covariance.ravel()]))
+    return message
 
 
 def certainty_of(message: JointState, n_q: int) -> Certainty | None:
-    """Return a message on arm/covariance as P; None for none, or one of another size or out of any range."""
+    """Return a message on arm/covariance; None for none, or one of another size or out of any range."""
     values = np.array(message.position, dtype=np.float64)
     size = 2 * n_q
     # Each entry is the product of two numbers of an arm.
     if values.size != 1 + size * size or not messages.is_possible(np.sqrt(np.abs(values))):
         return None
-    return Certainty(values[1:].reshape(size, size), bool(values[0]))
+    force = np.array(message.effort, dtype=np.float64)
+    if force.size not in (0, _FORCE) or not messages.is_possible(force):
+        return None
+    return Certainty(values[1:].reshape(size, size), bool(values[0]), _external(force))
+
+
+def _external(values: Array) -> ExternalForce | None:
+    if not values.size or values[0] not in range(len(STAGES)):
+        return None
+    return ExternalForce(values[2:5], values[5:].reshape(3, 3), STAGES[int(values[0])], bool(values[1]))
 
 
 def learned(model: Learned | None, stamp_ns: int) -> JointState:
     """Return a learned model as a message."""
-    return _message(stamp_ns, () if model is None else model.theta)
+    if model is None:
+        return _message(stamp_ns, ())
+    message = _message(stamp_ns, model.theta)
+    if model.own is not None:
+        message.velocity = messages.doubles(model.own)
+    if model.doubt is not None:
+        message.effort = messages.doubles(model.doubt)
+    return message
 
 
 def learned_of(message: JointState) -> Learned | None:
     """Return a message on arm/learned as a model; None for none, or numbers out of any range.
 
-    The filter checks the size.
+    The filter checks the sizes.
     """
-    values = np.array(message.position, dtype=np.float64)
-    return Learned(values) if values.size and messages.is_possible(values) else None
+    values, own, doubt = (
+        np.array(part, dtype=np.float64) for part in (message.position, message.velocity, message.effort)
+    )
+    size = math.isqrt(doubt.size)
+    is_whole = values.size and own.size in (0, values.size) and size * size == doubt.size
+    if not is_whole or not all(map(messages.is_possible, (values, own, doubt))):
+        return None
+    return Learned(values, own if own.size else None, doubt.reshape(size, size) if size else None)
 
 
 def from_array(message: Float64MultiArray) -> JointState:

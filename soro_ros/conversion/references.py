@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nav_msgs.msg import Path
 from rclpy.duration import Duration
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
@@ -88,6 +88,40 @@ def tip(controller: Controller, state: ControllerState, message: PoseStamped, wo
             where = f"pose.{key}"
             raise ConfigError("arm/reference/tip", where, "a number out of any range", "a pose of an arm")
     return controller.tip(state, position, quaternion)
+
+
+def press(
+    controller: Controller, state: ControllerState, message: WrenchStamped, topic: str, frames: Frames
+) -> Reference:
+    """Return the reference that presses with a wrench, without torque, in the world or the frame of the base.
+
+    Parameters
+    ----------
+    controller : Controller
+    state : ControllerState
+        After the last tick.
+    message : WrenchStamped
+    topic : str
+        Where it came from.
+    frames : Frames
+        Names of the two frames; a wrench without one is in the world.
+
+    Raises
+    ------
+    SoroError
+        If the wrench is in another frame, has a torque, or the controller refuses it.
+    """
+    frame, wrench = message.header.frame_id, message.wrench
+    if frame not in ("", frames.base, frames.world):
+        allowed = f"{frames.world} (frames.world), or none, or {frames.base} (frames.base)"
+        raise ConfigError(topic, "header.frame_id", frame, allowed)
+    force = np.array([wrench.force.x, wrench.force.y, wrench.force.z])
+    torque = np.array([wrench.torque.x, wrench.torque.y, wrench.torque.z])
+    if np.any(torque != 0.0):
+        raise ConfigError(topic, "wrench.torque", torque.tolist(), "0: the tip presses with a force alone")
+    if frame == frames.base and frame != frames.world:
+        force = matrix_from_quaternion(np.asarray(controller.robot.base_quaternion)) @ force
+    return controller.press(state, force)
 
 
 def trajectories_at_rest(coordinates: Sequence[str]) -> list[JointTrajectory]:

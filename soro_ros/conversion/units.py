@@ -22,6 +22,9 @@ _RULES = (
     ("", r"(.+\.)?linear_acceleration\.[xyz]", "m_s2"),
     ("", r"(.+\.)?linear\.[xyz]", "m_s"),
     ("", r"(.+\.)?angular\.[xyz]", "rad_s"),
+    ("", r"(.+\.)?force\.[xyz]", "n"),
+    ("", r"(.+\.)?torque\.[xyz]", "n_m"),
+    (r"/arm/wrench/covariance", r"position\.[xyz]{2}", "n2"),
 )
 _SHOWN = {
     "pa": "kPa",
@@ -34,6 +37,9 @@ _SHOWN = {
     "rad_s": "rad/s",
     "m_s2": "m/s²",
     "m_s": "m/s",
+    "n": "N",
+    "n_m": "N m",
+    "n2": "N²",
 }
 _UNITS = sorted({unit for _, _, unit in _RULES}, key=len, reverse=True)
 

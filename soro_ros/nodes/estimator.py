@@ -1,4 +1,4 @@
-"""The estimator node: each message on chambers/state gives one on arm/state and one on arm/tip."""
+"""The estimator node: each message on chambers/state gives one on arm/state, arm/tip and arm/wrench."""
 
 from __future__ import annotations
 
@@ -104,6 +104,9 @@ class EstimatorNode(SoroNode[EstimatorNodeConfig]):
             values |= self.state.counts._asdict()
             for name, sensor in self._sensors.items():
                 values |= _values_of(name, self.state.monitors.get(sensor))
+        if (external := self._ticks.external) is not None:
+            x, y, z = 1e3 * external.force_n
+            values |= {"force": f"{external.stage}: {x:.1f}, {y:.1f}, {z:.1f} mN in x, y, z"}
         level, text = self.diagnostics.level, self.diagnostics.message
         self.diagnostics.update(level, self._failure if level == WARN and self._failure else text, values)
 

@@ -26,7 +26,8 @@ from soro_ros.process.node_process import run_node
 from soro_ros.run.faults import FaultInterface
 from soro_ros.topics.chambers import ChamberInterface
 from soro_ros.topics.diagnostics import OK, OVER
-from soro_ros.topics.twin_topics import TwinTopics
+from soro_ros.topics.frame_check import FrameCheck
+from soro_ros.topics.twin_topics import PushTopic, TwinTopics
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20
@@ -75,6 +76,8 @@ class TwinNode(SoroNode[TwinConfig]):
         self._is_commanded = config.pressures == "regulators"
         loop = qos.REPLAYED if config.pressures == "measured" else qos.loop(self._lockstep)
         self._topics = TwinTopics(self, robot, self._twin, loop, self._lockstep)
+        frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
+        self._push = PushTopic(self, frames, self._stamp_now_ns)
         self.create_service(Trigger, "~/start", self._on_start)
         if self._is_commanded:
             rating = rating_of(robot.pressure_range_pa)
@@ -307,6 +310,7 @@ class TwinNode(SoroNode[TwinConfig]):
         if self._state.tick == self._observed:
             return
         self._observed = self._state.tick
+        self._state = self._twin.at_wrench(self._state, *self._push.now())
         self._state, seen = self._twin.observe(self._state)
         self._reading_pa = seen.reading_pa
         self._empty_ns = empty_since(self._config.limits, self._empty_ns, seen.reading_pa, self._tick_ns())
@@ -314,7 +318,7 @@ class TwinNode(SoroNode[TwinConfig]):
         self._topics.publish_samples(seen, stamp_ns, self._sample_ns)
         if self._is_commanded:
             self._chambers.publish(seen.reading_pa, stamp_ns)
-        self._topics.publish_truth(self._state, seen.tip, stamp_ns)
+        self._topics.publish_truth(self._state, seen, stamp_ns)
 
     def _sample_ns(self, stamp_s: float) -> int:
         return self._epoch_ns + round(stamp_s * 1e9) + self._skipped * self._period_ns
@@ -324,6 +328,7 @@ class TwinNode(SoroNode[TwinConfig]):
             "tick": self._state.tick,
             "time_s": self._tick_ns() * 1e-9,
             "skipped_ticks": self._skipped,
+            **self._push.frames.values,
         }
         if self._config.pressures == "measured":
             values["bridged_ticks"] = self._bridged

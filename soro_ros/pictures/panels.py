@@ -27,6 +27,7 @@ _EVENT_COLOURS = {
     "injected": "#7b5ea7",
     "warning": "#e08e2b",
     "over": "#4f8a4c",
+    "contact": "#8c564b",
 }
 
 
@@ -208,6 +209,36 @@ def _is_weight(name: str) -> bool:
     return any(part in name for part in _WEIGHTS)
 
 
+def draw_force(axis: Any, view: View) -> None:
+    """Draw the force on the arm at its tip: estimated with twice its deviation, true, and the goal."""
+    estimated, doubt, true, wanted = map(
+        view.shown,
+        (
+            view.recording.estimated_force,
+            view.recording.force_doubt,
+            view.recording.true_force,
+            view.recording.wanted_force,
+        ),
+    )
+    for k, name in enumerate("xyz"):
+        for series, style in (
+            (true, {"lw": 2.5, "alpha": 0.35}),
+            (wanted, {"lw": 0.9, "ls": "--"}),
+            (estimated, {"lw": 0.9, "label": name}),
+        ):
+            if series.t.size:
+                axis.plot(series.t, 1e3 * series.value[:, k], color=f"C{k}", **style)
+        if estimated.t.size and (variance := 2 * name) in doubt.names:
+            twice = 2e3 * np.sqrt(np.maximum(doubt.value[:, doubt.names.index(variance)], 0.0))
+            middle = 1e3 * estimated.at(doubt.t)[:, k]
+            axis.fill_between(doubt.t, middle - twice, middle + twice, color=f"C{k}", alpha=0.12, lw=0)
+    if estimated.t.size:  # what no pose shows, along the backbone, would hide all else
+        low, high = np.nanmin(estimated.value), np.nanmax(estimated.value)
+        room = 0.25 * (high - low) + 0.01
+        axis.set(ylim=(1e3 * (low - room), 1e3 * (high + room)))
+    axis.set(ylabel="force [mN]")
+
+
 def mark(axis: Any, events: Sequence[Event], begin_s: float, end_s: float) -> None:
     """Mark events by their numbers: lines at their times; those that are close together share a label.
 
@@ -287,4 +318,10 @@ ESTIMATES = Panel(
     lambda view: view.recording.estimates.t.size > 1,
     draw_estimates,
 )
-ALL = (PATH, ERROR, PRESSURES, TIP, CURVATURES, STRETCHES, ESTIMATES)
+FORCE = Panel(
+    "force on the arm at its tip, with 2 deviations (pale: true; dashed: goal)",
+    "arm/wrench or truth/wrench",
+    lambda view: view.recording.estimated_force.t.size + view.recording.true_force.t.size > 1,
+    draw_force,
+)
+ALL = (PATH, ERROR, PRESSURES, TIP, CURVATURES, STRETCHES, ESTIMATES, FORCE)

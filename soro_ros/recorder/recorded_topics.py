@@ -11,9 +11,12 @@ _TOPICS = (
     ("exciter/section", "sensor_msgs/msg/JointState"),
     ("arm/state", "sensor_msgs/msg/JointState"),
     ("arm/tip", "geometry_msgs/msg/PoseWithCovarianceStamped"),
+    ("arm/wrench", "geometry_msgs/msg/WrenchStamped"),
+    ("arm/wrench/covariance", "sensor_msgs/msg/JointState"),
     ("arm/shadow/tip", "geometry_msgs/msg/PoseStamped"),
     ("arm/shadow/difference", "sensor_msgs/msg/JointState"),
     ("arm/desired/tip", "geometry_msgs/msg/PoseStamped"),
+    ("arm/desired/wrench", "geometry_msgs/msg/WrenchStamped"),
     ("arm/covariance", "sensor_msgs/msg/JointState"),
     ("arm/learned", "sensor_msgs/msg/JointState"),
     ("controller/estimates", "sensor_msgs/msg/JointState"),
@@ -22,6 +25,8 @@ _TOPICS = (
     ("truth/tip", "geometry_msgs/msg/PoseStamped"),
     ("truth/state", "sensor_msgs/msg/JointState"),
     ("truth/chambers", "sensor_msgs/msg/JointState"),
+    ("truth/wrench", "geometry_msgs/msg/WrenchStamped"),
+    ("external/wrench", "geometry_msgs/msg/WrenchStamped"),
 )
 _BACKBONE, _DIAGNOSTICS = "geometry_msgs/msg/PoseArray", "diagnostic_msgs/msg/DiagnosticArray"
 

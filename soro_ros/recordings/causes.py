@@ -17,6 +17,8 @@ _MOST_PART = 0.5
 _LATE_PART = 0.02
 # Part of the time in which an arm that something holds back elsewhere follows its reference.
 _FREE_PART = 0.35
+# Part of the time in which an arm that is pushed off its reference touches something.
+_TOUCHING_PART = 0.1
 
 
 class Bound(NamedTuple):
@@ -72,6 +74,8 @@ class Evidence:
         Part of the time in which the tip is where a good run has it.
     late : float
         Part of the cycles of the loop that came too late.
+    touching, pushed_n : float
+        Part of the time in which the arm touches something, by the estimator, and the largest force [N].
     learns : bool
         Whether the law learns.
     answers : Answers
@@ -92,6 +96,8 @@ class Evidence:
     good_at_s: float = math.nan
     free: float = 0.0
     late: float = 0.0
+    touching: float = 0.0
+    pushed_n: float = 0.0
     learns: bool = True
     answers: Answers = NO_ANSWERS
 
@@ -219,6 +225,13 @@ CAUSES = (
     PossibleCause(
         _when(lambda seen: not seen.learns, "the law does not learn the load: controller.adapt is false"),
         _step("--set controller.adapt=true, or the load in the robot file (tip_mass)"),
+    ),
+    PossibleCause(
+        _when(
+            lambda seen: seen.touching > _TOUCHING_PART,
+            "the arm touches something, with up to {seen.pushed_n:.3f} N ({seen.touching:.0%} of the time)",
+        ),
+        _step("look for an obstacle, a cable or a hose that it touches; to press on purpose: docs/force.md"),
     ),
     PossibleCause(
         _says("controller", "at its bound"),

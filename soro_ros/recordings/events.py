@@ -1,4 +1,4 @@
-"""What happened in a run at which time: trips, vents on request, warnings and injected faults."""
+"""What happened in a run at which time: trips, vents on request, warnings, contacts and injected faults."""
 
 from __future__ import annotations
 
@@ -6,10 +6,12 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
+from soro_core.arrays import Array
 from soro_ros.status_words import is_requested
 
-Kind: TypeAlias = Literal["trip", "vent", "warning", "over", "injected"]
+Kind: TypeAlias = Literal["trip", "vent", "warning", "over", "injected", "contact"]
 
 # The same words from two sources, the latch and /diagnostics, within this time [s] are one event.
 _SAME_S = 1.5
@@ -87,6 +89,23 @@ def events_of(said: Iterable[Said], time_of: Callable[[int], float]) -> tuple[Ev
         event = Event(time_of(log_ns), kind, node, text)
         if not any(_are_same(event, other) for other in found[-4:]):
             found.append(event)
+    return tuple(found)
+
+
+def contacts_of(t_s: Array, touches: NDArray[np.bool_], force_n: Array) -> tuple[Event, ...]:
+    """Return when the estimator says that the arm touches something, and that it leaves it.
+
+    Parameters
+    ----------
+    t_s, touches, force_n : ndarray (n,)
+        Times [s], whether the arm touches something, and sizes of the force on it [N].
+    """
+    found = []
+    for k in np.flatnonzero(np.diff(touches, prepend=False)):
+        what = (
+            f"touches something, with {1e3 * force_n[k]:.0f} mN" if touches[k] else "leaves what it touched"
+        )
+        found.append(Event(float(t_s[k]), "contact", "estimator", what))
     return tuple(found)
 
 

@@ -13,7 +13,7 @@ from soro_lab.scene import Scene
 from soro_ros.recordings import report
 from soro_ros.recordings.causes import Bound, Evidence
 from soro_ros.recordings.events import warnings_at
-from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
+from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries, touches
 from soro_ros.recordings.wiring_of_run import wiring_answers
 
 # Samples a second in which a swing is looked for; frequencies [Hz] below which it is the reference's motion.
@@ -52,6 +52,9 @@ def evidence_of(recording: RunRecording, scene: Scene, summary: report.Summary) 
     at_bound, bounded = summary.saturated_last_part, command
     if summary.saturated_part > max(scene.verdict.at_bound_part, at_bound):
         at_bound, bounded = summary.saturated_part, report.within(recording.command, end_s)
+    doubt = _last(recording.force_doubt, end_s)
+    touching = touches(doubt)
+    pushed = recording.estimated_force.at(doubt.t[touching]) if touching.any() else np.zeros((1, 3))
     return Evidence(
         error=summary.tip_error_last_rms_m / length,
         good=good,
@@ -67,6 +70,8 @@ def evidence_of(recording: RunRecording, scene: Scene, summary: report.Summary) 
         good_at_s=good_at_s(t, error, scene, good * length),
         free=float(np.mean(error[last] < 0.5 * good * length)) if last.any() else 0.0,
         late=summary.overruns / ticks if scene.mode == "real_time" and ticks else 0.0,
+        touching=float(touching.mean()) if touching.size else 0.0,
+        pushed_n=float(np.linalg.norm(pushed, axis=1).max()),
         learns=scene.controller.adapt,
         answers=wiring_answers(recording, scene),
     )

@@ -11,8 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.arrays import Array
-from soro_ros.recordings.events import Event, NodeStatus, Said, clock, events_of, statuses_of, under_control
-from soro_ros.status_words import is_requested
+from soro_ros.recordings.events import (
+    Event,
+    NodeStatus,
+    Said,
+    clock,
+    contacts_of,
+    events_of,
+    statuses_of,
+    under_control,
+)
+from soro_ros.status_words import STAGES, is_requested
 
 if TYPE_CHECKING:  # a run without ROS is a recording too
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -22,6 +31,7 @@ if TYPE_CHECKING:  # a run without ROS is a recording too
 # Topics of an arm that the pictures show; an arm is a namespace with one of them.
 SHOWN = ("chambers/state", "chambers/command", "arm/state", "arm/tip", "arm/desired/tip", "truth/tip")
 _LATCH = "chambers/latch"
+_AXIS = "truth/tip axis"
 _USED = {
     *SHOWN,
     _LATCH,
@@ -31,6 +41,10 @@ _USED = {
     "arm/shadow/difference",
     "arm/shadow/tip",
     "truth/state",
+    "truth/wrench",
+    "arm/wrench",
+    "arm/wrench/covariance",
+    "arm/desired/wrench",
 }
 
 
@@ -65,7 +79,9 @@ class RunRecording:
 
     Tips are positions (n, 3) [m], pressures [Pa gauge]. Of a real arm there is no true tip, only the measured
     one; `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
-    are the coordinates of the plant and those of the estimator. `said` has the changes of what the nodes say.
+    are the coordinates of the plant and those of the estimator. Forces (n, 3) [N] are those on the arm at its
+    tip; `force_doubt` has the stage of contact and the covariance by name, `tip_axis` the direction of the
+    backbone at the true tip. `said` has the changes of what the nodes say.
     `problems` are lines on what is damaged, or cannot be read and is left out.
     """
 
@@ -83,6 +99,11 @@ class RunRecording:
     deviations: TopicSeries = EMPTY
     true_state: TopicSeries = EMPTY
     estimated_state: TopicSeries = EMPTY
+    true_force: TopicSeries = EMPTY
+    estimated_force: TopicSeries = EMPTY
+    wanted_force: TopicSeries = EMPTY
+    force_doubt: TopicSeries = EMPTY
+    tip_axis: TopicSeries = EMPTY
     events: tuple[Event, ...] = ()
     said: tuple[NodeStatus, ...] = ()
     problems: tuple[str, ...] = ()
@@ -121,16 +142,17 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         Takes the times of every message, also of other topics.
     """
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-    from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+    from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, WrenchStamped
     from sensor_msgs.msg import JointState
 
-    from soro_ros.conversion import messages
+    from soro_ros.conversion import force, messages
     from soro_ros.conversion.decoding import Messages
 
     types = {
         "sensor_msgs/msg/JointState": JointState,
         "geometry_msgs/msg/PoseStamped": PoseStamped,
         "geometry_msgs/msg/PoseWithCovarianceStamped": PoseWithCovarianceStamped,
+        "geometry_msgs/msg/WrenchStamped": WrenchStamped,
         "diagnostic_msgs/msg/DiagnosticArray": DiagnosticArray,
         "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
     }
@@ -171,10 +193,16 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
             # What has no values has no column.
             if not values or len(values) != len(names):
                 continue
+        elif isinstance(message, WrenchStamped):
+            names, values = (), force.force_of(message).tolist()
         else:
             names = ()
             pose = message.pose if isinstance(message, PoseStamped) else message.pose.pose
             values = [pose.position.x, pose.position.y, pose.position.z]
+            if name == "truth/tip" and messages.is_pose(pose):
+                axis = messages.transform(pose)[:3, 2].tolist()
+                row = messages.to_ns(message.header.stamp), item.log_time_ns, axis
+                rows.setdefault(_AXIS, {}).setdefault(names, []).append(row)
         if not any(abs(value) > _MOST for value in values):  # NaN is a chamber without a reading
             row = messages.to_ns(message.header.stamp), item.log_time_ns, values
             rows.setdefault(name, {}).setdefault(names, []).append(row)
@@ -199,6 +227,8 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
     stamps, logged = [row[0] for row in densest], [row[1] for row in densest]
     time_of = clock(logged, stamps, start)
     end_s = 1e-9 * (kept["arm/desired/tip"][1][-1][0] - start) if "arm/desired/tip" in kept else np.inf
+    estimated, doubt = series("arm/wrench"), series("arm/wrench/covariance")
+    events = tuple(sorted((*events_of(said, time_of), *_contacts(doubt, estimated))))
     return RunRecording(
         true_tip=series("truth/tip"),
         estimated_tip=series("arm/tip"),
@@ -214,10 +244,28 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         shadow_tip=series("arm/shadow/tip"),
         true_state=series("truth/state"),
         estimated_state=series("arm/state"),
-        events=under_control(events_of(said, time_of), end_s),
+        true_force=series("truth/wrench"),
+        estimated_force=estimated,
+        wanted_force=series("arm/desired/wrench"),
+        force_doubt=doubt,
+        tip_axis=series(_AXIS),
+        events=under_control(events, end_s),
         said=statuses_of(said, time_of),
         problems=problems,
     )
+
+
+def touches(doubt: TopicSeries) -> NDArray[np.bool_]:
+    """Return at which samples (n,) of `RunRecording.force_doubt` the arm touches something."""
+    if "stage" not in doubt.names:
+        return np.zeros(doubt.t.size, dtype=bool)
+    return np.asarray(doubt.value[:, doubt.names.index("stage")] == STAGES.index("contact"))
+
+
+def _contacts(doubt: TopicSeries, estimated: TopicSeries) -> tuple[Event, ...]:
+    if not (doubt.t.size and estimated.t.size):
+        return ()
+    return contacts_of(doubt.t, touches(doubt), np.linalg.norm(estimated.at(doubt.t), axis=1))
 
 
 def arms(reader: BagReader) -> tuple[str, ...]:

@@ -48,6 +48,8 @@ class Summary:
     faults: tuple[str, ...]
     shadow: shadow_report.Differences | None = None
     saturated_last_part: float = 0.0
+    force_error_last_rms_n: float = float("nan")
+    force_estimate_error_last_rms_n: float = float("nan")
     verdict: str = ""
     reason: str = ""
     notes: tuple[str, ...] = ()
@@ -74,6 +76,7 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
         if estimated.t.size
         else np.full(t.size, np.nan)
     )
+    at_goal, of_estimate = force_errors(recording, t[last])
     loop = recording.diagnostics.get("regulator", recording.diagnostics.get("twin", {}))
     low, high = pressure_bounds(scene)
     command = recording.command
@@ -103,6 +106,8 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
         overruns=int(loop.get("overruns", 0)),
         faults=recording.faults,
         shadow=shadow_report.summarise(recording.shadow, scene.duration_s),
+        force_error_last_rms_n=_rms(at_goal),
+        force_estimate_error_last_rms_n=_rms(of_estimate),
     )
 
 
@@ -133,6 +138,40 @@ def tip_error(recording: RunRecording, duration_s: float) -> tuple[Array, Array]
     inside = in_control(recording, true.t, duration_s)
     t = true.t[inside]
     return t, np.asarray(np.linalg.norm(true.value[inside] - wanted.at(t), axis=1))
+
+
+def force_errors(recording: RunRecording, t: Array) -> tuple[Array, Array]:
+    """Return errors (n,) [N] of the force at the tip at some times (n,) [s].
+
+    Returns
+    -------
+    at_goal : ndarray
+        True force along the goal, less the goal; empty where there is no goal at all of these times.
+    of_estimate : ndarray
+        Distance between estimated and true force across the backbone at the tip, along which no pose shows a
+        force; empty where one of them is not known at all of these times.
+    """
+    true, nothing = recording.true_force, np.zeros(0)
+    wanted, estimated, axes = recording.wanted_force, recording.estimated_force, recording.tip_axis
+    if not _covers(true, t):
+        return nothing, nothing
+    force, at_goal, of_estimate = true.at(t), nothing, nothing
+    if _covers(wanted, t):
+        goal = wanted.at(t)
+        size = np.linalg.norm(goal, axis=1)
+        at_goal = np.sum(force * goal, axis=1) / np.maximum(size, 1e-9) - size
+    if _covers(estimated, t) and _covers(axes, t):
+        away, axis = estimated.at(t) - force, axes.at(t)
+        axis /= np.linalg.norm(axis, axis=1)[:, None]
+        of_estimate = np.linalg.norm(away - np.sum(away * axis, axis=1)[:, None] * axis, axis=1)
+    return at_goal, of_estimate
+
+
+def _covers(series: TopicSeries, t: Array) -> bool:
+    """Whether a series has samples from the first to the last of some times [s]."""
+    if t.size == 0 or series.t.size < 2:
+        return False
+    return bool(series.t[0] <= t[0] + MISSING_S and series.t[-1] >= t[-1] - MISSING_S)
 
 
 def in_control(recording: RunRecording, t: Array, duration_s: float) -> NDArray[np.bool_]:
@@ -245,6 +284,7 @@ def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
         (f"tip error RMS, {last}", _mm(summary.tip_error_last_rms_m)),
         (f"tip error max, {last}", _mm(summary.tip_error_last_max_m)),
         (f"estimator's tip error RMS, {last}", _mm(summary.estimator_error_last_rms_m)),
+        *_forces(summary, last),
         (f"settling to {SETTLED_PART_OF_LENGTH:.0%} of the length", _settling(summary, scene)),
         (
             "measured pressures",
@@ -263,6 +303,15 @@ def _verdict(summary: Summary) -> list[tuple[str, str]]:
     """Return the rows of the verdict, if there is one: its word, its reason, and what the nodes say."""
     found = ("verdict", summary.verdict), ("reason", summary.reason), ("notes", "\n".join(summary.notes))
     return [row for row in found if row[1]]
+
+
+def _forces(summary: Summary, last: str) -> list[tuple[str, str]]:
+    """Return the rows of the force at the tip, where it is known."""
+    found = (
+        (f"force error RMS, {last}", summary.force_error_last_rms_n),
+        (f"estimator's force error RMS, {last}", summary.force_estimate_error_last_rms_n),
+    )
+    return [(name, f"{1e3 * value:.1f} mN") for name, value in found if np.isfinite(value)]
 
 
 def _at_bound(summary: Summary, last: str) -> str:

@@ -86,7 +86,9 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
         found = _followed(summary, scene, recording)
     more = [line for line in end.warnings if line not in found.reason]
     reason = "; ".join(filter(None, (found.reason, *more)))
-    notes = _requested(recording) if recording is not None and end.status == 0 else ()
+    notes: tuple[str, ...] = ()
+    if recording is not None:
+        notes = (*(_requested(recording) if end.status == 0 else ()), *_touched(recording))
     return replace(found, reason=reason, notes=(*found.notes, *notes, *_notes(said)))
 
 
@@ -146,6 +148,20 @@ def _left_vented(recording: RunRecording, scene: Scene) -> str:
 def _requested(recording: RunRecording) -> tuple[str, ...]:
     """Return a line for each vent that someone asked for."""
     return tuple(f"vented on request at {one.t_s:.2f} s" for one in recording.events if one.kind == "vent")
+
+
+def _touched(recording: RunRecording) -> tuple[str, ...]:
+    """Return a line on when the arm touched something under control, by what the estimator says."""
+    end_s = float(recording.wanted_tip.t[-1]) if recording.wanted_tip.t.size else 0.0
+    contacts = [event for event in recording.events if event.kind == "contact" and event.t_s < end_s]
+    times = [event.t_s for event in contacts]
+    if len(times) % 2:
+        times.append(end_s)
+    if not times:
+        return ()
+    first, lasted_s = contacts[0], sum(times[1::2]) - sum(times[::2])
+    often = f", in {len(times) // 2} contacts" if len(times) > 2 else ""
+    return (f"{first.text} at {times[0]:.2f} s, for {lasted_s:.2f} s in all{often}",)
 
 
 def _trip_s(recording: RunRecording) -> float:

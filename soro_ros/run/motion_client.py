@@ -1,13 +1,14 @@
-"""One motion, from the side of a program that asks for it: `soro move`."""
+"""One motion or press, from the side of a program that asks for it: `soro move`, `soro press`."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nav_msgs.msg import Path
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
@@ -16,13 +17,14 @@ from soro_core.errors import ConfigError
 from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
 from soro_ros.host.services import ServiceCaller
-from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REFUSED, STATUS
+from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REFUSED, STATUS, WRENCH
 from soro_ros.topics.motion_topic import TOPIC
 
 _DESIRED = "arm/desired/tip"
 # Time between two lines of progress [s].
 _LINE_S = 1.0
 _POLL_S = 0.02
+_UPRIGHT = np.array([0.0, 0, 0, 1])
 
 
 class Mover:
@@ -39,6 +41,9 @@ class Mover:
         Takes a line of progress.
     """
 
+    topic: ClassVar[str] = TOPIC
+    kind: ClassVar[type[Any]] = Path
+
     def __init__(
         self,
         caller: ServiceCaller,
@@ -52,8 +57,9 @@ class Mover:
         self._tip: np.ndarray | None = None
         self._world = Frames().world
         self._reports: list[DiagnosticStatus] = []
+        self._stamp_ns = 0
         node, names = caller.node, self._namespace
-        self._path = node.create_publisher(Path, f"{names}/{TOPIC}", qos.RELIABLE)
+        self._sender = node.create_publisher(self.kind, f"{names}/{self.topic}", qos.RELIABLE)
         node.create_subscription(DiagnosticStatus, f"{names}/{STATUS}", self._reports.append, qos.RELIABLE)
         node.create_subscription(PoseStamped, f"{names}/{_DESIRED}", self._on_desired, qos.SENSOR)
 
@@ -83,26 +89,25 @@ class Mover:
             If the controller is not in control.
         """
         if not self._wait(lambda: self._tip is not None and self._is_joined()):
-            found = "no reference on arm/desired/tip" if self._tip is None else f"no reader of {TOPIC}"
+            found = "no reference on arm/desired/tip" if self._tip is None else f"no reader of {self.topic}"
             raise ConfigError(self._controller, "controller", found, "a controller in control: soro enable")
         return np.asarray(self._tip)
 
     def move(self, positions: np.ndarray) -> int:
         """Send a path (n, 3) [m] and wait for its end; return the exit status 0, 1 or 2."""
-        node, path = self._caller.node, Path()
-        stamp_ns = node.get_clock().now().nanoseconds
-        path.header.frame_id, path.header.stamp = self._world, messages.to_time(stamp_ns)
-        path.poses = [PoseStamped(pose=messages.pose(row, np.array([0.0, 0, 0, 1]))) for row in positions]
+        path = Path(poses=[PoseStamped(pose=messages.pose(row, _UPRIGHT)) for row in positions])
+        return self.send(path)
+
+    def send(self, message: Any) -> int:
+        """Send a message and wait for the end of its motion; return the exit status 0, 1 or 2."""
+        self._stamp_ns = self._caller.node.get_clock().now().nanoseconds
+        message.header.frame_id, message.header.stamp = self._world, messages.to_time(self._stamp_ns)
         self._reports.clear()
-        self._path.publish(path)
+        self._sender.publish(message)
         heard, state, next_line = time.monotonic(), "", 0.0
         while time.monotonic() - heard < self._limit_s:
             self._caller.spin(_POLL_S)
-            while self._reports:
-                report = self._reports.pop(0)
-                values = {pair.key: pair.value for pair in report.values}
-                if values.get("stamp_ns") != str(stamp_ns):
-                    continue
+            for report, values in self._heard():
                 heard = time.monotonic()
                 if report.name not in (PLANNING, MOVING):
                     self._say(_line(report.name, report.message, values))
@@ -116,9 +121,17 @@ class Mover:
         self._say(f"lost: no report of the controller on {STATUS} for {self._limit_s:g} s")
         return 1
 
+    def _heard(self) -> Iterator[tuple[DiagnosticStatus, dict[str, str]]]:
+        """Reports of the motion that was sent, with their values."""
+        while self._reports:
+            report = self._reports.pop(0)
+            values = {pair.key: pair.value for pair in report.values}
+            if values.get("stamp_ns") == str(self._stamp_ns):
+                yield report, values
+
     def _is_joined(self) -> bool:
         return (
-            self._path.get_subscription_count() > 0
+            self._sender.get_subscription_count() > 0
             and self._caller.node.count_publishers(f"{self._namespace}/{STATUS}") > 0
         )
 
@@ -141,6 +154,46 @@ class Mover:
         self._tip, self._world = messages.pose_arrays(message.pose)[0], message.header.frame_id
 
 
+class Presser(Mover):
+    """Sends a force to a controller and follows its reports; parameters as of `Mover`."""
+
+    topic = WRENCH
+    kind = WrenchStamped
+
+    def press(self, force_n: np.ndarray, hold_s: float) -> int:
+        """Press with a force (3,) [N], hold it for a time [s] and let go; return the exit status 0, 1 or 2.
+
+        What was lost or replaced is left as it is; Ctrl-C lets go.
+        """
+        try:
+            status = self.send(_wrench(force_n)) or self._hold(hold_s)
+        except KeyboardInterrupt:
+            self._sender.publish(_wrench(np.zeros(3)))
+            raise
+        return status or self.send(_wrench(np.zeros(3)))
+
+    def _hold(self, hold_s: float) -> int:
+        """Watch a force that is reached; return the exit status."""
+        until = time.monotonic() + hold_s
+        while time.monotonic() < until:
+            self._caller.spin(_POLL_S)
+            for report, values in self._heard():
+                if report.name not in (MOVING, REACHED):
+                    self._say(_line(report.name, report.message, values))
+                    return 1
+            if vented := self._vented():
+                self._say(f"lost: {vented}")
+                return 1
+        return 0
+
+
+def _wrench(force_n: np.ndarray) -> WrenchStamped:
+    message = WrenchStamped()
+    force = message.wrench.force
+    force.x, force.y, force.z = (float(x) for x in force_n)
+    return message
+
+
 def _line(state: str, text: str, values: Mapping[str, str]) -> str:
     """One line of progress."""
     parts = [text] if text else []
@@ -148,6 +201,8 @@ def _line(state: str, text: str, values: Mapping[str, str]) -> str:
         parts.append(f"{values['passed_s']} of {values['duration_s']} s")
     if float(values.get("factor", 1.0)) > 1.0 and state == MOVING:
         parts.append(f"{values['factor']} times the time, for pressures and rates to fit")
+    if "force_n" in values:
+        parts.append(f"{1e3 * float(values['force_n']):.1f} of {1e3 * float(values['goal_n']):g} mN")
     if "from_the_end_m" in values:
         parts.append(f"{1e3 * float(values['from_the_end_m']):.1f} mm from the end")
     return ": ".join([state, ", ".join(parts)]) if parts else state

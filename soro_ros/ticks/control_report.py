@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, ClassVar
 
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 
 from soro_core.control.command import Command
-from soro_ros.conversion import messages
+from soro_core.control.force.press import Press
+from soro_ros.conversion import force, messages
 
 
 class ControlReport:
-    """Publishes arm/desired/tip and the law's estimates, deviations and terms.
+    """Publishes arm/desired/tip and wrench, and the law's estimates, deviations and terms.
 
     Parameters
     ----------
@@ -29,6 +30,7 @@ class ControlReport:
 
     outputs: ClassVar[dict[str, type[Any]]] = {
         "arm/desired/tip": PoseStamped,
+        "arm/desired/wrench": WrenchStamped,
         "controller/estimates": JointState,
         "controller/deviations": JointState,
         "controller/terms": JointState,
@@ -44,11 +46,23 @@ class ControlReport:
         self._coordinates, self._world = coordinates, world
         self._publish, self._is_read = publish, is_read
 
-    def publish(self, command: Command, stamp_ns: int) -> None:
-        """Publish what belongs to a command of this time [ns]."""
+    def publish(self, command: Command, press: Press | None, stamp_ns: int) -> None:
+        """Publish what belongs to a command.
+
+        Parameters
+        ----------
+        command : Command
+        press : Press or None
+            The press under way.
+        stamp_ns : int
+            Time of both [ns].
+        """
         if self._is_read("arm/desired/tip"):
             tip = messages.pose_stamped(command.tip_reference, stamp_ns, self._world)
             self._publish("arm/desired/tip", tip)
+        if press is not None and self._is_read("arm/desired/wrench"):
+            goal = force.wrench(-press.force_n * press.direction, stamp_ns, self._world)
+            self._publish("arm/desired/wrench", goal)
         for topic, values in (
             ("controller/estimates", lambda: command.estimates),
             ("controller/deviations", lambda: command.deviations()),

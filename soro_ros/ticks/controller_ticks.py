@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from trajectory_msgs.msg import JointTrajectory
@@ -30,7 +30,7 @@ from soro_lab.scene.loop import controller_of
 from soro_ros.conversion import learning, messages, qos, references
 from soro_ros.status_words import NO_COMMAND, add_prefix
 from soro_ros.ticks.control_report import ControlReport
-from soro_ros.topics.motion_job import REPLACED
+from soro_ros.topics.motion_job import REPLACED, WRENCH
 from soro_ros.topics.motion_topic import MotionTopic
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
 from soro_ros.topics.tick_inputs import TickInputs, unusable
@@ -99,11 +99,12 @@ class ControllerTicks:
         self._inputs = TickInputs(
             self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
         )
+        self._frames = config.frames.within(source.rpartition("/")[0])
         self.motions = MotionTopic(
             self.controller,
             self._lockstep,
             1.0 / config.rate_hz,
-            config.frames.within(source.rpartition("/")[0]),
+            self._frames,
             self._take,
             self._refuse,
             motion or (lambda: config.control.motion),
@@ -116,6 +117,7 @@ class ControllerTicks:
             "arm/state": Input(JointState, self._on_state, qos.loop),
             _TRAJECTORY: Input(JointTrajectory, self._on_trajectory, qos.reference),
             _TIP: Input(PoseStamped, self._on_tip, qos.reference),
+            WRENCH: Input(WrenchStamped, self._on_wrench, qos.reference),
             **self.motions.inputs,
         }
 
@@ -212,6 +214,14 @@ class ControllerTicks:
             _TIP, message.header, lambda _: references.tip(self.controller, self.state, message, self._world)
         )
 
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        frames = self._frames
+        self._follow(
+            WRENCH,
+            message.header,
+            lambda _: references.press(self.controller, self.state, message, WRENCH, frames),
+        )
+
     def _follow(self, topic: str, header: Header, make: Callable[[float], Reference]) -> None:
         """Follow a reference; after a refusal the old reference stays."""
         stamp_ns = messages.to_ns(header.stamp)
@@ -301,7 +311,7 @@ class ControllerTicks:
             self._publish(command.setpoint_pa, stamp_ns)
         if probe is not None:  # the law has not begun
             return
-        self._report.publish(command, stamp_ns)
+        self._report.publish(command, self.state.force.press, stamp_ns)
         tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]
         self.motions.tick(self.state, t, tip, start_s)
 

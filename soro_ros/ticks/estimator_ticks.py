@@ -6,17 +6,18 @@ from collections import deque
 from typing import Any, ClassVar
 
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 
 from soro_core.adaptation import Learned
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.estimation import EstimatorState, ImuSample, PoseSample
 from soro_core.loop import certainty_of
 from soro_core.robot import load_robot
 from soro_core.rotation import quaternion_from_matrix
 from soro_lab.scene import EstimatorNodeConfig
 from soro_lab.scene.loop import estimator_of
-from soro_ros.conversion import learning, messages, qos
+from soro_ros.conversion import force, learning, messages, qos
 from soro_ros.status_words import NO_ESTIMATE, add_prefix
 from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
@@ -44,12 +45,16 @@ class EstimatorTicks:
         Refused messages on chambers/state.
     estimated_ns : int or None
         Time of the estimate of the last tick [ns]; None if that gave none.
+    external : ExternalForce or None
+        What pushed on the arm at the last tick; None if it is not known.
     """
 
     outputs: ClassVar[dict[str, type[Any]]] = {
         "arm/covariance": JointState,
         "arm/state": JointState,
         "arm/tip": PoseWithCovarianceStamped,
+        "arm/wrench": WrenchStamped,
+        "arm/wrench/covariance": JointState,
     }
 
     def __init__(
@@ -62,6 +67,7 @@ class EstimatorTicks:
         self.state: EstimatorState | None = None
         self.epoch_ns, self.malformed = 0, 0
         self.estimated_ns: int | None = None
+        self.external: ExternalForce | None = None
         frames = frames or FrameCheck(config.frames)
         self._pressures: deque[tuple[int, np.ndarray]] = deque(maxlen=1000)
         self._learned: Learned | None = None
@@ -159,7 +165,19 @@ class EstimatorTicks:
             world = self._config.frames.world
             tip = messages.tip_estimate(estimate.tip_pose, estimate.tip_covariance, stamp_ns, world)
             publish("arm/tip", tip)
+        self._publish_force(estimate.external, stamp_ns)
         self._ports.estimated(stamp_ns)
+
+    def _publish_force(self, external: ExternalForce | None, stamp_ns: int) -> None:
+        """Publish the force when there is a new one: it is estimated at a rate of its own."""
+        before, self.external = self.external, external
+        if external is None or external is before:
+            return
+        if self._ports.is_read("arm/wrench"):
+            pushed = force.wrench(external.force_n, stamp_ns, self._config.frames.world)
+            self._ports.publish("arm/wrench", pushed)
+        if self._ports.is_read("arm/wrench/covariance"):
+            self._ports.publish("arm/wrench/covariance", force.covariance(external, stamp_ns))
 
     def _without_estimate(self, stamp_ns: int) -> None:
         """Answer a tick at which the filter takes no step."""
@@ -174,7 +192,7 @@ class EstimatorTicks:
 
     def _publish_nothing(self, stamp_ns: int) -> None:
         """Report that there is no estimate: in lockstep by an empty message, in real time by none."""
-        self.estimated_ns = None
+        self.estimated_ns = self.external = None
         if self._lockstep:
             nothing = JointState()
             nothing.header.stamp = messages.to_time(stamp_ns)

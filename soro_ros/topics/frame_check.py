@@ -57,6 +57,10 @@ class FrameCheck:
             return self._takes(topic, frame, self._frames.of_poses, key)
         return self._takes(topic, frame, self._frames.of_imu(int(number)), "frames.imu")
 
+    def takes_in_world(self, topic: str, frame: str) -> bool:
+        """Return whether a message of a topic whose frame is the world may be used; arguments as above."""
+        return self._takes(topic, frame, self._frames.world, "frames.world")
+
     @property
     def refusal(self) -> str:
         """Which topics are refused now, and why; empty if none is."""

@@ -9,15 +9,22 @@ from typing import Any, ClassVar
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from soro_core.control import ControllerState
+from soro_core.control.force.press import Press
 from soro_core.control.motion_config import MotionConfig
 from soro_ros.topics.diagnostics import ERROR, OK, WARN
 
-STATUS = "arm/motion"
+STATUS, WRENCH = "arm/motion", "arm/reference/wrench"
 # States of a motion; the last ones are its end.
 PLANNING, MOVING = "planning", "moving"
 REACHED, REFUSED, LOST, REPLACED, VENTED = "reached", "refused", "lost", "replaced", "vented"
 # Time between two reports of progress [s].
 _REPORT_S = 0.1
+# Error of a force that is reached: a part of it, at least so much [N]; of a lost one: so many times that.
+_REACHED_PART, _REACHED_N, _LOST = 0.02, 0.0015, 5.0
+# Time constant of the mean of a force, time for which it stays reached or lost until that is said, and time
+# after the touch within which it must be reached [s].
+_MEAN_S, _STAYS_S, _SETTLES_S = 0.2, 0.5, 5.0
 
 
 @dataclass
@@ -68,6 +75,70 @@ class Job:
         return {}
 
 
+@dataclass
+class PressJob(Job):
+    """A press.
+
+    Attributes
+    ----------
+    press : Press or None
+    pressed_n : float
+        Mean of the estimated force along the direction [N].
+    contact_s, within_s, beyond_s : float or None
+        Times since which the tip touches something, and the force is within or beyond what is allowed [s].
+    mean_s : float
+        Time of the mean [s].
+    """
+
+    press: Press | None = None
+    pressed_n: float = 0.0
+    contact_s: float | None = None
+    within_s: float | None = None
+    beyond_s: float | None = None
+    mean_s: float = 0.0
+
+    def times(self, t: float) -> dict[str, object]:
+        """Return the force of now, and the wanted one."""
+        assert self.press is not None
+        return {"force_n": f"{self.pressed_n:.5f}", "goal_n": f"{self.press.force_n:.5f}"}
+
+    def judge(self, state: ControllerState, t: float) -> tuple[str, str]:
+        """Return the state of the press after a tick at time `t` [s], and what is to be said of it."""
+        press, loop = self.press, state.force
+        assert press is not None
+        if loop.felt is None:
+            return LOST, "no estimate of the force: is the tip measured?"
+        part = min(max(t - self.mean_s, 0.0) / _MEAN_S, 1.0)
+        self.mean_s = t
+        self.pressed_n += part * (press.pressed_n(loop.felt) - self.pressed_n)
+        if loop.phase == "stopped":
+            return LOST, loop.note
+        allowed = max(_REACHED_PART * press.force_n, _REACHED_N)
+        off = abs(self.pressed_n - press.force_n)
+        touches = loop.phase == "contact"
+        self.contact_s = _since(self.contact_s, touches, t)
+        self.within_s = _since(self.within_s, touches and off <= allowed, t)
+        self.beyond_s = _since(self.beyond_s, off > _LOST * allowed, t)
+        if self.state == REACHED:
+            if self.beyond_s is not None and t - self.beyond_s > _STAYS_S:
+                return LOST, f"the force is {1e3 * self.pressed_n:.1f} mN, {_wanted(press)}"
+        elif self.within_s is not None and t - self.within_s > _STAYS_S:
+            return REACHED, f"presses with {1e3 * self.pressed_n:.1f} mN"
+        elif self.contact_s is not None and t - self.contact_s > _SETTLES_S:
+            saturated = f": {state.watch.saturated}" if state.watch.saturated else ""
+            return LOST, f"the force is {1e3 * self.pressed_n:.1f} mN, {_wanted(press)}{saturated}"
+        return self.state, "" if self.state == REACHED else "in contact" if touches else "approaches"
+
+
+def _since(since_s: float | None, holds: bool, t: float) -> float | None:
+    """Return since when something holds [s]; None if it does not."""
+    return None if not holds else t if since_s is None else since_s
+
+
+def _wanted(press: Press) -> str:
+    return f"wanted: {1e3 * press.force_n:g} mN"
+
+
 class MotionReports:
     """Publishes how motions go.
 
@@ -107,6 +178,23 @@ class MotionReports:
             self.end(job, LOST, f"{text}{1e3 * job.config.reached_m:g} mm (motion.reached_m)", t, off_m)
         elif t >= job.reported_s + _REPORT_S:
             self.report(job, job.note, t, off_m)
+
+    def judge_press(self, job: PressJob, state: ControllerState, t: float) -> None:
+        """Report progress of a press, and once its force is there, or lost.
+
+        Parameters
+        ----------
+        job : PressJob
+        state : ControllerState
+            After a tick.
+        t : float
+            Its time [s].
+        """
+        found, text = job.judge(state, t)
+        if found != job.state:
+            self.end(job, found, text, t)
+        elif job.is_under_way and t >= job.reported_s + _REPORT_S:
+            self.report(job, text, t)
 
     def end(
         self, job: Job, state: str, text: str, t: float | None = None, off_m: float | None = None

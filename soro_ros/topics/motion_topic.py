@@ -17,6 +17,7 @@ from nav_msgs.msg import Path
 
 from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerState, Reference
+from soro_core.control.force.press import Press
 from soro_core.control.motion_config import MotionConfig
 from soro_core.control.motions.motion import finished
 from soro_core.control.motions.motion_parts import PiecewiseMotion
@@ -27,7 +28,15 @@ from soro_core.errors import ConfigError, SoroError
 from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.references import poses_in_world
-from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REPLACED, Job, MotionReports
+from soro_ros.topics.motion_job import (
+    MOVING,
+    PLANNING,
+    REACHED,
+    REPLACED,
+    Job,
+    MotionReports,
+    PressJob,
+)
 from soro_ros.topics.ports import Input, Inputs
 
 TOPIC = "arm/reference/path"
@@ -146,11 +155,15 @@ class MotionTopic:
                 job.stamp_ns = stamp_ns
                 self._reports.report(job, job.note)
                 return
-            if job.state == MOVING and t - job.given_s <= STREAM_S:
+            if job.state == MOVING and t - job.given_s <= STREAM_S and not isinstance(job, PressJob):
                 job.stamp_ns, job.goal, job.given_s, job.is_stream = stamp_ns, goal, t, True
                 return
         self.cancel(REPLACED, "by another reference")
-        self._job = job = Job(topic, stamp_ns, self._settings(), MOVING, goal, given_s=t)
+        if isinstance(reference, Press):
+            job = PressJob(topic, stamp_ns, self._settings(), MOVING, goal, "", t, press=reference)
+        else:
+            job = Job(topic, stamp_ns, self._settings(), MOVING, goal, given_s=t)
+        self._job = job
         self._reports.report(job, "")
 
     def refuse(self, topic: str, stamp_ns: int, reason: str) -> None:
@@ -187,6 +200,9 @@ class MotionTopic:
         if isinstance(job, _Path) and job.state == PLANNING:
             self._plan(job, start_s + _SHARE * self._period_s)
             self._begin(job, t)
+        elif isinstance(job, PressJob):
+            if job.state in (MOVING, REACHED):
+                self._reports.judge_press(job, state, t)
         elif job.state == MOVING and job.goal is not None and state.following is not None:
             ended = not job.is_stream or t - job.given_s > STREAM_S
             rests = ended and at_rest(self._controller.bounds, state.following)

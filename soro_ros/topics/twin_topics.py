@@ -1,19 +1,23 @@
-"""The topics of the twin: samples of its sensors, the truth, and the clock in lockstep."""
+"""The topics of the twin: samples of its sensors, the truth, what pushes on it, and the clock in lockstep."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
+from geometry_msgs.msg import PoseStamped, WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
+from soro_core.arrays import Array
 from soro_core.robot import Robot
 from soro_core.twin import Observation, Twin, TwinState
+from soro_core.twin.push import LARGEST_N, LARGEST_NM
 from soro_ros.conversion import messages, qos
+from soro_ros.conversion.force import force_of, torque_of, wrench
+from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import is_read
 
 
@@ -54,6 +58,7 @@ class TwinTopics:
         self._true_tip = node.create_publisher(PoseStamped, "truth/tip", profile)
         self._true_state = node.create_publisher(JointState, "truth/state", profile)
         self._true_air = node.create_publisher(JointState, "truth/chambers", profile)
+        self._true_force = node.create_publisher(WrenchStamped, "truth/wrench", profile)
         self._clock = node.create_publisher(Clock, "/clock", qos.LOCKSTEP) if lockstep else None
 
     def publish_samples(self, seen: Observation, stamp_ns: int, sample_ns: Callable[[float], int]) -> None:
@@ -77,23 +82,71 @@ class TwinTopics:
             frame = self._imu_frames[imu.s]
             self._imus[imu.s].publish(messages.imu_sample(imu, sample_ns(imu.stamp_s), frame))
 
-    def publish_truth(self, state: TwinState, tip: np.ndarray, stamp_ns: int) -> None:
-        """Publish the true state of arm and air.
+    def publish_truth(self, state: TwinState, seen: Observation, stamp_ns: int) -> None:
+        """Publish the true state of arm and air, and what pushes on the arm.
 
         Parameters
         ----------
         state : TwinState
-        tip : ndarray (4, 4)
-            True pose of the tip.
+        seen : Observation
+            True pose of the tip, and true forces.
         stamp_ns : int
             Time of the tick [ns].
         """
         arm, pressure = state.arm, state.air.pressure_pa
         force = np.zeros_like(arm.q)
         if is_read(self._true_tip):
-            self._true_tip.publish(messages.pose_stamped(tip, stamp_ns, self._frames.world))
+            self._true_tip.publish(messages.pose_stamped(seen.tip, stamp_ns, self._frames.world))
         if is_read(self._true_state):
             state_now = messages.arm_state(self._coordinate_names, arm.q, arm.qd, force, stamp_ns)
             self._true_state.publish(state_now)
         if is_read(self._true_air):
             self._true_air.publish(messages.chambers(self._chamber_names, pressure, stamp_ns))
+        if is_read(self._true_force):
+            self._true_force.publish(wrench(seen.force_n, stamp_ns, self._frames.world))
+
+
+PUSHED = "external/wrench"
+_NOTHING = np.zeros(3), np.zeros(3)
+# Age above which a wrench no longer acts [ns]: who holds the arm says so again and again.
+PUSH_NS = 500_000_000
+
+
+class PushTopic:
+    """The wrench on external/wrench, which acts at the tip of the simulated arm.
+
+    Parameters
+    ----------
+    node : Node
+        Owner of the subscription.
+    frames : FrameCheck
+        Refuses wrenches in another frame than the world.
+    now_ns : callable
+        Gives the time [ns] of stamps now; one of 0 counts as that of its arrival.
+    """
+
+    def __init__(self, node: Node, frames: FrameCheck, now_ns: Callable[[], int]) -> None:
+        self._node, self.frames, self._now_ns = node, frames, now_ns
+        self._newest = 0, *_NOTHING
+        node.create_subscription(WrenchStamped, PUSHED, self._on_wrench, qos.SENSOR)
+
+    def now(self) -> tuple[Array, Array]:
+        """Force [N] and torque [N m] (3,) that act now, in the world."""
+        stamp_ns, force, torque = self._newest
+        return (force, torque) if self._now_ns() - stamp_ns <= PUSH_NS else _NOTHING
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        if not self.frames.takes_in_world(PUSHED, message.header.frame_id):
+            return
+        force, torque, now_ns = force_of(message), torque_of(message), self._now_ns()
+        stamp_ns = messages.to_ns(message.header.stamp) or now_ns
+        refused = messages.ahead(stamp_ns, now_ns)
+        if now_ns - stamp_ns > PUSH_NS:
+            refused = f"{1e-9 * (now_ns - stamp_ns):.3f} s old; allowed: at most {1e-9 * PUSH_NS:g} s"
+        # What is not finite is not less.
+        if not ((np.abs(force) <= LARGEST_N).all() and (np.abs(torque) <= LARGEST_NM).all()):
+            refused = f"allowed: at most {LARGEST_N:g} N and {LARGEST_NM:g} N m along each axis, finite"
+        if refused:
+            self._node.get_logger().warning(f"{PUSHED} refused: {refused}", throttle_duration_sec=1.0)
+            return
+        self._newest = stamp_ns, force, torque

@@ -263,3 +263,22 @@ def _lit(corners: Array, colour: Array) -> Faces:
     normal = normal / np.where(size > 0, size, 1.0)
     light = 0.62 + 0.38 * np.clip(normal @ (_LIGHT / np.linalg.norm(_LIGHT)), -0.6, 1.0)
     return Faces(corners, np.clip(light[:, None] * colour, 0, 1))
+
+
+# Length of the arrow of a force [m/N].
+_M_PER_N = 0.2
+
+
+def arrow_of(force_n: Array, tip_m: Array, longest_m: float) -> Array:
+    """Return begin and end (2, 3) [m] of the arrow of a force at the tip: 0.2 mm for each mN, up to a length.
+
+    Parameters
+    ----------
+    force_n, tip_m : ndarray (3,)
+        Force on the arm [N] and place of the tip [m].
+    longest_m : float
+        Length of the longest arrow [m].
+    """
+    size_n = float(np.linalg.norm(force_n))
+    scale = min(_M_PER_N, longest_m / size_n) if size_n else 0.0
+    return np.array([tip_m, tip_m + scale * force_n])

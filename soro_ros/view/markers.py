@@ -1,4 +1,4 @@
-"""The arm as markers: skin coloured by pressure, frames, trails of tip and reference, cause of a latch.
+"""The arm as markers: skin coloured by pressure, frames, trails, force at the tip, cause of a latch.
 
 Points, colours and stamps are exchanged as arrays in the serialised MarkerArray:
 rclpy converts each Point by itself: the 5700 of the shipped arm take 15 ms, 30 % of a core at 20 Hz; as
@@ -23,6 +23,7 @@ from geometry_msgs.msg import (
     PoseWithCovarianceStamped,
     Quaternion,
     Vector3,
+    WrenchStamped,
 )
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
@@ -34,8 +35,9 @@ from soro_core.robot import Robot
 from soro_core.robot.basis import radius_profile
 from soro_lab.scene import MarkersConfig
 from soro_ros.conversion import messages, qos
+from soro_ros.conversion.force import force_of
 from soro_ros.topics.ports import Input, Inputs
-from soro_ros.view.arm_shape import between
+from soro_ros.view.arm_shape import arrow_of, between
 from soro_ros.view.skin import Skin
 
 
@@ -107,6 +109,8 @@ def _colour(rgba: Sequence[float]) -> bytes:
 TOPIC = "arm/markers"
 # Points of a trail; a marker has as many from its first message on.
 _TRAIL = 120
+# A force that is older than the shape of the arm by more is not drawn [ns].
+_STALE_NS = 1_000_000_000
 _RED, _GREY, _AMBER = (0.757, 0.071, 0.122, 1.0), (0.55, 0.58, 0.62, 1.0), (0.80, 0.33, 0.0, 1.0)
 _WHITE, _NONE = (1.0, 1.0, 1.0, 1.0), np.zeros((0, 3))
 _AXES = ((0.85, 0.15, 0.15), (0.15, 0.65, 0.2), (0.15, 0.35, 0.85))
@@ -129,7 +133,8 @@ class MarkerPart(NamedTuple):
         marker = Marker(ns=self.name, id=self.number, type=self.kind, action=Marker.ADD, text=self.text)
         marker.header.frame_id = frame
         marker.pose = Pose(position=Point(z=self.above), orientation=Quaternion(w=1.0))
-        marker.scale = Vector3(x=self.size, y=self.size, z=self.size)
+        head = 2.0 * self.size if self.kind == Marker.ARROW else self.size
+        marker.scale = Vector3(x=self.size, y=head, z=head)
         if self.name == "frames":
             ends = [ColorRGBA(r=r, g=g, b=b, a=1.0) for r, g, b in _AXES for _ in range(2)]
             marker.colors = ends * (len(self.points) // len(ends))
@@ -185,12 +190,14 @@ class ArmMarkers:
         self._tip, self._reference = Trail(config.trail_s), Trail(config.trail_s)
         self._wanted = np.zeros((0, 4, 4))
         self._pressure: dict[str, float] = {}
+        self._force, self._force_ns = np.zeros(3), 0
         self._vented = ""
         self._written: tuple[object, MarkerBytes] | None = None
         self.inputs: Inputs = {
             "arm/backbone": Input(PoseArray, self._on_backbone, qos.sensor),
             "arm/tip": Input(PoseWithCovarianceStamped, self._on_tip, qos.sensor),
             "arm/desired/tip": Input(PoseStamped, self._on_reference, qos.sensor),
+            "arm/wrench": Input(WrenchStamped, self._on_wrench, qos.sensor),
             "chambers/state": Input(JointState, self._on_pressures, qos.sensor),
             "chambers/latch": Input(DiagnosticStatus, self._on_latch, lambda lockstep: qos.LATCHED),
         }
@@ -201,6 +208,8 @@ class ArmMarkers:
         if backbone is None:
             return None
         poses = messages.transforms(backbone)
+        if messages.to_ns(backbone.header.stamp) - self._force_ns > _STALE_NS:
+            self._force = np.zeros(3)
         parts = [*self._meshes(poses), *self._others(poses)]
         sizes = [len(part.points) for part in parts]
         stays = (backbone.header.frame_id, self._vented, sizes)
@@ -228,6 +237,9 @@ class ArmMarkers:
         for name, trail, colour in (("tip", self._tip, _RED), ("reference", self._reference, _GREY)):
             if len(points := trail.points()):
                 yield MarkerPart(name, 0, Marker.LINE_STRIP, 2 * thin, colour, points)
+        if self._force.any():
+            arrow = arrow_of(self._force, poses[-1, :3, 3], self._length)
+            yield MarkerPart("force", 0, Marker.ARROW, 2 * thin, _AMBER, arrow)
         if self._vented:
             above = 1.15 * self._length
             yield MarkerPart(
@@ -247,6 +259,10 @@ class ArmMarkers:
         if messages.is_pose(message.pose):
             self._wanted = messages.transform(message.pose)[None]
             self._reference.add(messages.to_ns(message.header.stamp), self._wanted[0, :3, 3])
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        if messages.is_possible(force := force_of(message)):
+            self._force, self._force_ns = force, messages.to_ns(message.header.stamp)
 
     def _on_pressures(self, message: JointState) -> None:
         self._pressure = messages.efforts(message) or self._pressure

@@ -9,21 +9,25 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import Pose, PoseArray, PoseStamped, PoseWithCovarianceStamped, WrenchStamped
 from sensor_msgs.msg import JointState
 
 from soro_core.arrays import Array
 from soro_ros.conversion import messages
+from soro_ros.conversion.force import force_of, stage_of
 from soro_ros.status_words import VENTED
 
 BACKBONE, TIP, WANTED = "arm/backbone", "arm/tip", "arm/desired/tip"
 PRESSURES, LATCH = "chambers/state", "chambers/latch"
+WRENCH, WRENCH_COVARIANCE = "arm/wrench", "arm/wrench/covariance"
 DIAGNOSTICS = "/diagnostics"
 TOPICS: Mapping[str, type[Any]] = {
     BACKBONE: PoseArray,
     TIP: PoseWithCovarianceStamped,
     WANTED: PoseStamped,
     PRESSURES: JointState,
+    WRENCH: WrenchStamped,
+    WRENCH_COVARIANCE: JointState,
     LATCH: DiagnosticStatus,
     DIAGNOSTICS: DiagnosticArray,
 }
@@ -54,6 +58,10 @@ class Moment:
         State of the valves, and the cause of a latch, in words.
     faults : tuple of str
         What nodes warn of, a line each.
+    force : ndarray (3,) or None
+        Estimated force on the arm at its tip, in the world [N].
+    stage : str
+        Stage of contact, of `soro_ros.status_words.STAGES`; empty where it is not known.
     """
 
     t_s: float = 0.0
@@ -64,6 +72,8 @@ class Moment:
     latched: bool | None = None
     valves: str = "not known: no node drives valves"
     faults: tuple[str, ...] = ()
+    force: Array | None = None
+    stage: str = ""
 
     @property
     def error_m(self) -> float:
@@ -128,6 +138,8 @@ class Received:
             return message if now_s - at_s <= STALE_S else None
 
         backbone, tip, wanted = fresh(BACKBONE), fresh(TIP), fresh(WANTED)
+        wrench, doubt = fresh(WRENCH), fresh(WRENCH_COVARIANCE)
+        force = None if wrench is None else force_of(wrench)
         poses = [] if backbone is None else backbone.poses
         is_shape = len(poses) > 1 and all(messages.is_pose(one) for one in poses)
         latched, valves = self._latch(now_s)
@@ -140,6 +152,8 @@ class Received:
             latched,
             valves,
             tuple(self._faults(now_s)),
+            force if force is not None and messages.is_possible(force) else None,
+            "" if doubt is None else stage_of(doubt),
         )
 
     def _latch(self, now_s: float) -> tuple[bool | None, str]:

@@ -13,7 +13,8 @@ from viser.uplot import Scale, Series
 from soro_core.arrays import Array
 from soro_core.robot import Robot
 from soro_core.rotation import quaternion_from_matrix
-from soro_ros.view.arm_shape import COLOURS, between
+from soro_ros.status_words import STAGES
+from soro_ros.view.arm_shape import COLOURS, arrow_of, between
 from soro_ros.view.moment import Moment
 from soro_ros.view.skin import Skin
 
@@ -177,6 +178,15 @@ class ViewerPage:
             scene.add_frame(f"/{name}", visible=False, axes_length=0.12 * length, axes_radius=0.003 * length)
             for name in ("base", "tip")
         ]
+        self._force = scene.add_arrows(
+            "/force",
+            _NOTHING,
+            _CONTACT,
+            shaft_radius=0.08 * radius,
+            head_radius=0.2 * radius,
+            head_length=0.4 * radius,
+            visible=False,
+        )
         self._wanted = scene.add_icosphere("/wanted", 0.15 * radius, color=_REFERENCE, visible=False)
         self._touching = (
             [
@@ -225,6 +235,10 @@ class ViewerPage:
         self._wanted.visible = now.wanted is not None
         if now.wanted is not None:
             self._wanted.position = now.wanted
+        self._force.visible = known and now.force is not None
+        if poses is not None and now.force is not None:
+            arrow = arrow_of(now.force, poses[-1, :3, 3], self._robot.length)
+            self._force.points = arrow[None].astype(np.float32)
         part = {name: value / self._most_pa for name, value in now.pressure.items()}
         for mesh, colour in zip(self._meshes, self._skin.colours(part), strict=True):
             mesh.color = _rgb(colour)
@@ -251,7 +265,15 @@ def _state(now: Moment) -> str:
     if now.backbone is None:
         return f"{now.t_s:.1f} s: no estimate of its shape"
     error = "" if np.isnan(now.error_m) else f", tip {now.error_m * 1e3:.1f} mm from its reference"
-    return f"{now.t_s:.1f} s{error}"
+    return f"{now.t_s:.1f} s{error}{_force(now)}"
+
+
+def _force(now: Moment) -> str:
+    """Return the size of the force at the tip, and the stage of contact where it is not free."""
+    if now.force is None:
+        return ""
+    stage = f" ({now.stage})" if now.stage not in ("", STAGES[0]) else ""
+    return f", force {1e3 * np.linalg.norm(now.force):.0f} mN{stage}"
 
 
 def set_value(handle: viser.GuiInputHandle[Value], value: Value) -> None:

@@ -93,6 +93,7 @@ def commands(bag):
         ("soro", "reset"): {"ros"},
         ("soro", "enable"): {"ros"},
         ("soro", "move", "to", "0", "0", "66"): {"ros"},
+        ("soro", "press", "50mN", "1", "0", "0"): {"ros"},
         ("soro", "fault", "twin", "--clear"): {"ros"},
         ("soro", "trade", "track_circle", "--dask", "localhost:1"): {"dask"},
         ("soro", "study", "track_circle", "--vary", "absent.yaml"): {"parquet"},

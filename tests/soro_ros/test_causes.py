@@ -62,6 +62,11 @@ ROWS = [
     ({"estimator_error": 0.026}, "2.6% of the length", "place-sensors"),
     ({"good_at_s": 31.0}, "still falling", "duration_s=31"),
     ({"learns": False}, "adapt is false", "adapt=true"),
+    (
+        {"touching": 0.3, "pushed_n": 0.12, "free": 0.6},
+        "touches something, with up to 0.120 N (30% of the time)",
+        "docs/force.md",
+    ),
     ({"controller": "the learned mass at the tip is at its bound, -10.2 g"}, "at its bound", "soro identify"),
     ({"free": 0.6, "estimator": "NIS 9"}, "on a part of its way", "obstacle"),
     ({"answers": WEAK, "estimator": "NIS 9", "controller": LATE}, "gives 0.82", "look at"),

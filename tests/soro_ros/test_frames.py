@@ -202,7 +202,7 @@ def test_the_twin_states_the_frames_that_the_estimator_expects(domain):
         for _ in range(5):
             state, seen = twin.observe(state)
             topics.publish_samples(seen, 0, lambda _: 0)
-            topics.publish_truth(state, seen.tip, 0)
+            topics.publish_truth(state, seen, 0)
             state = twin.step_pressures(state, state.air.pressure_pa)
         frames = [sent[name][0].header.frame_id for name in sent]
         assert frames == ["optitrack", "gyro", "left/imu1"]

@@ -1,5 +1,7 @@
 """arm/covariance and arm/learned: what they carry, and who waits for them in lockstep."""
 
+import math
+
 import numpy as np
 import pytest
 import rclpy
@@ -7,6 +9,7 @@ from geometry_msgs.msg import PoseStamped
 from std_msgs.msg import Float64MultiArray
 
 from soro_core.adaptation import Learned
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.adaptation.learner import Learner
 from soro_core.control.laws import Certainty
 from soro_core.control.nonuniform_strain import NonuniformStrain
@@ -41,6 +44,19 @@ def test_messages_carry_stamp_and_values_to_the_bit(stamp_ns):
         found = learning.certainty_of(learning.covariance(Certainty(covariance, positions), stamp_ns), 3)
         assert found.covariance.tobytes() == covariance.tobytes()
         assert found.positions is positions
+    whole = Learned(THETA, own=0.5 * THETA, doubt=np.arange(9.0).reshape(3, 3))
+    found = learning.learned_of(learning.learned(whole, stamp_ns))
+    assert (found.own.tobytes(), found.doubt.tobytes()) == (whole.own.tobytes(), whole.doubt.tobytes())
+    assert found.doubt.shape == (3, 3)
+    for stage, mass_free in (("free", True), ("outside force", True), ("contact", False)):
+        pushed = ExternalForce(np.array([0.1, 0.0, -0.02]), np.diag([1e-6, 2e-6, 5e-3]), stage, mass_free)
+        there = learning.covariance(Certainty(P, True, pushed), stamp_ns)
+        found = learning.certainty_of(there, 3).external
+        assert (found.stage, found.mass_free) == (stage, mass_free)
+        assert found.force_n.tobytes() == pushed.force_n.tobytes()
+        assert found.covariance.tobytes() == pushed.covariance.tobytes()
+    there.effort[4] = math.nan
+    assert learning.certainty_of(there, 3) is None
     assert learning.learned_of(learning.learned(None, stamp_ns)) is None
     assert learning.certainty_of(learning.covariance(None, stamp_ns), 3) is None
     assert learning.certainty_of(learning.covariance(Certainty(P, True), 0), 4) is None

@@ -19,7 +19,7 @@ from soro_core.model import SoftArm
 from soro_core.robot import load_robot
 from soro_lab.bag import BagReader, BagWriter, Topic
 from soro_lab.scene import MarkersConfig
-from soro_ros.conversion import messages
+from soro_ros.conversion import force, messages
 from soro_ros.conversion.interfaces import definition
 from soro_ros.host import middleware
 from soro_ros.nodes.markers import MarkersNode
@@ -142,6 +142,21 @@ def test_the_cause_of_a_latch_stands_above_the_arm():
     take["chambers/latch"](DiagnosticStatus(level=DiagnosticStatus.OK, message="open"))
     take["arm/backbone"](newest["arm/backbone"])
     assert ("latch", 0) not in drawn(markers)
+
+
+def test_a_force_is_an_arrow_from_the_tip_while_it_is_fresh():
+    markers, newest = fed()
+    backbone = newest["arm/backbone"]
+    stamp_ns, tip = messages.to_ns(backbone.header.stamp), messages.transforms(backbone)[-1, :3, 3]
+    take = markers.inputs["arm/wrench"].take
+    for values in ([0.1, 0.0, -0.05], [np.nan, 0.0, 0.0]):  # the second is no force
+        take(force.wrench(values, stamp_ns, "world"))
+        arrow = drawn(markers)["force", 0]
+        assert arrow.type == Marker.ARROW
+        assert points(arrow) == pytest.approx(np.array([tip, tip + 0.2 * np.array([0.1, 0.0, -0.05])]))
+        markers.inputs["arm/backbone"].take(backbone)
+    take(force.wrench([0.1, 0.0, 0.0], stamp_ns - 1_100_000_000, "world"))
+    assert ("force", 0) not in drawn(markers)
 
 
 def test_what_is_no_pose_is_not_drawn():

@@ -5,6 +5,7 @@ import pytest
 
 from soro_lab.scene import check_scene, load_scene
 from soro_lab.scene.load import scenes_in, shipped_folder
+from soro_ros.study.closed_loop import ticks_of
 from tests.soro_ros.in_process import tip_errors_m
 
 # Scenes that run to their end: how long here [s], and the largest tip error in the last second, RMS [mm].
@@ -17,9 +18,11 @@ GOOD = {
     "imu_only": (6.0, 1.5),
     "six_links": (5.0, 0.5),
     "no_devices": (5.0, 0.5),
+    "press_wall": (11.0, 1.0),
+    "push_by_hand": (16.0, 1.0),
 }
 # What the load that changes, and the wall, do to the tip at least [mm].
-DISTURBED_MM = {"set_points": 8.0, "contact_with_a_wall": 3.0}
+DISTURBED_MM = {"set_points": 8.0, "contact_with_a_wall": 3.0, "push_by_hand": 3.0}
 
 
 def shipped(name, **changes):
@@ -58,6 +61,18 @@ def test_a_scene_follows_its_reference(name, figure):
     assert found <= most_mm < 1e3 * scene.verdict.tip_error_part * scene.loaded_robot.length
     if name in DISTURBED_MM:
         assert errors[round(3.0 * scene.rate_hz) :].max() > DISTURBED_MM[name]
+
+
+@pytest.mark.slow
+def test_the_press_keeps_its_force_on_a_wall_that_nobody_told_it():
+    scene = shipped("press_wall").with_duration(11.0)
+    ticks = list(ticks_of(scene))
+    along = np.array([-tick.seen.force_n[0] for tick in ticks])
+    settled = along[round(10.0 * scene.rate_hz) :]
+    assert scene.controller.reference.press_n == (0.08, 0.0, 0.0)
+    assert settled.mean() == pytest.approx(0.08, rel=0.05)
+    assert along[: round(6.0 * scene.rate_hz)].tolist() == [0.0] * round(6.0 * scene.rate_hz)
+    assert ticks[-1].estimate.external.stage == "contact"
 
 
 @pytest.mark.slow

@@ -38,6 +38,6 @@ def test_a_report_makes_the_messages_of_read_topics_alone():
     command = SimpleNamespace(tip_reference=np.eye(4), terms={"model": np.ones(1)})  # and no estimates
     found = {}
     report = ControlReport(["bend"], "world", found.__setitem__, lambda topic: topic == "controller/terms")
-    report.publish(command, 5)
+    report.publish(command, None, 5)
     assert list(found) == ["controller/terms"]
     assert found["controller/terms"].name == ["bend/model"]

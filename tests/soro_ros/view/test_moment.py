@@ -7,7 +7,8 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseArray
 
-from soro_ros.conversion import messages
+from soro_core.adaptation.external_force import ExternalForce
+from soro_ros.conversion import force, messages
 from soro_ros.view.moment import (
     BACKBONE,
     DIAGNOSTICS,
@@ -16,6 +17,8 @@ from soro_ros.view.moment import (
     STALE_S,
     TIP,
     WANTED,
+    WRENCH,
+    WRENCH_COVARIANCE,
     Received,
 )
 
@@ -52,6 +55,19 @@ def test_a_moment_has_the_newest_of_each_topic(received):
     assert moment.error_m == pytest.approx(0.03)
     assert moment.pressure["link0/chamber0"] == 10e3
     assert math.isnan(moment.pressure["link0/chamber1"])  # of a silent device
+
+
+def test_the_force_on_the_tip_and_its_stage_are_shown_while_they_come(received):
+    pushed = ExternalForce(np.array([0.1, 0.0, -0.02]), 1e-6 * np.eye(3), "contact", mass_free=False)
+    received.take(WRENCH, force.wrench(pushed.force_n, 0, "world"), 5.0)
+    received.take(WRENCH_COVARIANCE, force.covariance(pushed, 0), 5.0)
+    assert received.moment(5.0).force == pytest.approx(pushed.force_n)
+    assert received.moment(5.0).stage == "contact"
+    later = received.moment(5.1 + STALE_S)
+    assert (later.force, later.stage) == (None, "")
+    received.take(WRENCH, force.wrench([math.nan, 0.0, 0.0], 0, "world"), 7.0)
+    received.take(WRENCH_COVARIANCE, messages.arm_state(["stage"], [3.5], [], [], 0), 7.0)
+    assert (received.moment(7.0).force, received.moment(7.0).stage) == (None, "")
 
 
 def test_a_run_that_begins_anew_has_a_new_time(received):

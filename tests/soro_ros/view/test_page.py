@@ -84,6 +84,20 @@ def test_without_an_estimate_no_arm_is_drawn_and_the_page_says_so(server):
 
 
 @pytest.mark.process
+def test_a_force_is_an_arrow_at_the_tip_and_stands_in_words(server):
+    page = ViewerPage(server, ROBOT)
+    for force_n, length_m in ((np.array([0.1, 0.0, 0.0]), 0.02), (np.array([0.0, -50.0, 0.0]), ROBOT.length)):
+        page.show([Moment(1.0, straight(), force=force_n, stage="contact")])
+        (begin, end) = page._force.points[0]
+        assert begin == pytest.approx([0.0, 0.0, ROBOT.length], abs=1e-7)
+        assert end - begin == pytest.approx(length_m * force_n / np.linalg.norm(force_n), abs=1e-7)
+        assert page._force.visible
+    assert page._state.value == "1.0 s, force 50000 mN (contact)"
+    page.show([Moment(2.0, straight())])
+    assert (page._force.visible, page._state.value) == (False, "2.0 s")
+
+
+@pytest.mark.process
 def test_what_touches_an_obstacle_is_marked(server):
     wall = Plane(stiffness=1e3, point=(0.01, 0.0, 0.0), normal=(-2.0, 0.0, 0.0))
     ball = Sphere(stiffness=1e3, centre=(0.0, 0.0, ROBOT.length), radius=0.001)

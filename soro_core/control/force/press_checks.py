@@ -1,0 +1,68 @@
+"""What is refused before an arm presses: forces that its pressures cannot make, or its friction hides."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from soro_core.arrays import Array
+from soro_core.control.force.tip_stiffness import StiffnessAtTip
+from soro_core.control.motions.pressure_feasibility import PressureSupply
+from soro_core.errors import ConfigError
+
+
+def check_force(supply: PressureSupply, stiffness: StiffnessAtTip, q: Array, push_n: Array) -> None:
+    """Refuse a force that no pressures within their range can make.
+
+    All chambers of a link may get more pressure: it becomes longer then, and presses as before. So the range
+    must hold the differences of pressure of each link.
+
+    Parameters
+    ----------
+    supply : PressureSupply
+        What the law asks of the chambers, and their range.
+    stiffness : StiffnessAtTip
+    q : ndarray (n_q,)
+        Where the arm begins to press.
+    push_n : ndarray (3,)
+        Force of the arm at its tip [N].
+
+    Raises
+    ------
+    ConfigError
+        With the chamber and the pressure that it would need.
+    """
+    still, maker = np.zeros_like(q), supply.setpoints
+    scale = stiffness.nonuniformity(q, push_n / np.linalg.norm(push_n))
+    force = supply.force(q, still, still) + stiffness.slope(q).T @ (scale * push_n)
+    wide = maker.allocate(supply.actuation(q), force, maker.preferred_pa, wide=True).pressure_pa
+    for of_link in stiffness.chambers:
+        low, high, need = maker.minimum_pa[of_link], maker.maximum_pa[of_link], wide[of_link]
+        need = need + max(float(np.max(low - need)), 0.0)
+        worst = int(np.argmax(need - high))
+        if need[worst] > high[worst]:
+            name = supply.arm.robot.chamber_names[of_link.start + worst]
+            allowed = f"what {1e-3 * low[worst]:g} to {1e-3 * high[worst]:g} kPa make"
+            allowed = f"{allowed}; {name} would need {1e-3 * need[worst]:.0f} kPa"
+            got = f"{1e3 * np.linalg.norm(push_n):g} mN"
+            raise ConfigError("press", "force", got, allowed)
+
+
+def check_cap(stiffness: StiffnessAtTip, cap_n: float, play_pa: float) -> None:
+    """Refuse a cap below the force that the friction of the arm hides: play of its regulators, hysteresis.
+
+    Parameters
+    ----------
+    stiffness : StiffnessAtTip
+    cap_n : float
+        The cap [N]; 0 for none.
+    play_pa : float
+        Play of set point and pressure, its width [Pa].
+
+    Raises
+    ------
+    ConfigError
+        With the least cap.
+    """
+    if cap_n and cap_n < (least := stiffness.friction(play_pa)):
+        allowed = f"{1e3 * least:.1f} mN or more, the friction of the arm, or 0 for no cap"
+        raise ConfigError("controller", "force.cap_n", f"{1e3 * cap_n:.1f} mN", allowed)

@@ -1,0 +1,125 @@
+"""Stiffness of the tip of an arm, from the model at rest."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+
+from soro_core.arrays import Array
+from soro_core.model import SoftArm
+
+# Pieces of a link that a force at the tip bends non-uniformly, as in the estimate of the force.
+_PIECES = 4
+# Increment of strain for difference quotients.
+_STEP = 1e-6
+
+
+class StiffnessAtTip:
+    """Stiffness of the tip of one arm; chambers at constant pressure add nothing.
+
+    Attributes
+    ----------
+    chambers : list of slice
+        Chambers of each link.
+    """
+
+    def __init__(self, arm: SoftArm) -> None:
+        self.arm = arm
+        ends = np.cumsum([0, *(len(link.chambers) for link in arm.robot.links)]).tolist()
+        self.chambers = [slice(a, b) for a, b in pairwise(ends) if b > a]
+
+    @cached_property
+    def fine(self) -> SoftArm:
+        """The arm with links of several pieces."""
+        return SoftArm(self.arm.robot.replace(contacts=None, tip_constraint=None).refine(_PIECES))
+
+    def compliance(self, q: Array, toward: Array, k_p: Array) -> float:
+        """Return how far a force moves the tip along itself, with feedback [m/N].
+
+        Parameters
+        ----------
+        q : ndarray (n_q,)
+            Coordinates of the reference.
+        toward : ndarray (3,)
+            Direction of the force.
+        k_p : ndarray (n_q, n_q)
+            Feedback.
+        """
+        slope = toward @ _slope(self.arm, q)
+        return float(slope @ np.linalg.solve(_stiffness(self.arm, q) + k_p, slope))
+
+    def nonuniformity(self, q: Array, toward: Array) -> float:
+        """Return the compliance of links bent non-uniformly by a force at the tip, over that of uniform ones.
+
+        Parameters
+        ----------
+        q : ndarray (n_q,)
+        toward : ndarray (3,)
+            Direction of the force.
+        """
+        if self.arm.robot.varies:  # its links bend non-uniformly as they are
+            return 1.0
+        x = self._fine(q)
+        fine, uniform = toward @ _slope(self.fine, x), toward @ _slope(self.arm, q)
+        nonuniform = fine @ np.linalg.solve(_stiffness(self.fine, x), fine)
+        return float(nonuniform / (uniform @ np.linalg.solve(_stiffness(self.arm, q), uniform)))
+
+    def by_common_pressure(self, q: Array) -> Array:
+        """Return how far a common pressure of each link with chambers moves the tip (3, n) [m/Pa]."""
+        actuation = self.arm.actuation_matrix(q)
+        common = np.stack([actuation[:, one].sum(axis=1) for one in self.chambers], axis=1)
+        return np.asarray(_slope(self.arm, q) @ np.linalg.solve(_stiffness(self.arm, q), common))
+
+    def slope(self, q: Array) -> Array:
+        """Return the derivative (3, n_q) of the tip's position in the world."""
+        return _slope(self.arm, q)
+
+    def friction(self, play_pa: float) -> float:
+        """Return the force [N] at the tip of the straight arm that its friction hides, across the backbone.
+
+        Parameters
+        ----------
+        play_pa : float
+            Play of set point and pressure, its width [Pa].
+        """
+        q = np.zeros(self.arm.n_q)
+        slope, stiffness = _slope(self.arm, q), _stiffness(self.arm, q)
+        compliance = slope @ np.linalg.solve(stiffness, slope.T)
+        softest = np.linalg.eigh(0.5 * (compliance + compliance.T))[1][:, -1]
+        by_force = np.linalg.solve(stiffness, slope.T @ softest) / (softest @ compliance @ softest)
+        play = np.abs(by_force @ self.arm.actuation_matrix(q)).sum() * 0.5 * play_pa
+        return float(play + np.abs(by_force) @ self._hysteresis())
+
+    def _hysteresis(self) -> Array:
+        """Return the largest force (n_q,) of the hysteresis."""
+        force, first = np.zeros(self.arm.n_q), 0
+        for link in self.arm.robot.links:
+            for one in link.hysteresis:
+                force[first : first + link.n_q] += np.multiply(one.stiffness, one.range)
+            first += link.n_q
+        return force
+
+    def _fine(self, q: Array) -> Array:
+        parts, first = [], 0
+        for link in self.arm.robot.links:
+            parts.append(np.tile(q[first : first + link.n_q], _PIECES))
+            first += link.n_q
+        return np.concatenate(parts)
+
+
+def _slope(arm: SoftArm, q: Array) -> Array:
+    """Return the derivative (3, n_q) of the tip's position in the world."""
+    pose, jacobian = arm.pose_and_jacobian(q, arm.length)
+    return np.asarray(pose[:3, :3] @ jacobian[3:])
+
+
+def _stiffness(arm: SoftArm, q: Array) -> Array:
+    """Return the derivative (n_q, n_q) of gravity and elastic force."""
+
+    def force(at: Array) -> Array:
+        return np.asarray(arm.gravity_force(at) + arm.elastic_force(at))
+
+    steps = _STEP * np.eye(q.size)
+    return np.stack([(force(q + e) - force(q - e)) / (2.0 * _STEP) for e in steps], axis=1)

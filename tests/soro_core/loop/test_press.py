@@ -1,0 +1,129 @@
+"""An arm presses on a wall of the twin that estimator and controller do not know."""
+
+import numpy as np
+import pytest
+
+from soro_core.control.force.press import Press
+from soro_core.twin import Twin
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
+from tests.refused import refused
+
+RADIUS_M, BEGIN_S = 0.013, 7.0
+# Where the tip meets the wall.
+PLACE = np.array([0.012, 0.0, 0.068])
+
+
+def scene_with(tilt_deg=0.0, stiffness=2000.0, friction=0.3, moves_m_s=0.0, platform="", **force):
+    """The circling arm beside a wall that the circle does not touch."""
+    tilt = np.deg2rad(tilt_deg)
+    normal = -np.array([np.cos(tilt), 0.0, np.sin(tilt)])
+    wall = {
+        "stiffness": stiffness,
+        "damping": 1.0,
+        "friction": friction,
+        "slip_velocity": 0.003,
+        "normal": normal.tolist(),
+        "point": (PLACE - RADIUS_M * normal).tolist(),
+        "velocity_m_s": [moves_m_s, 0.0, 0.0],
+        "from_s": BEGIN_S + 2.0,
+        "to_s": BEGIN_S + 3.0,
+    }
+    keys = {
+        "platform": platform,
+        "twin.payload_kg": 0.0,
+        "twin.wall": wall,
+        "controller.reference": {"curvature_per_m": 4.0, "start_s": 2.0},
+        "controller.force": {"approach_speed_m_s": 0.01, **force},
+    }
+    return load_scene("track_circle", keys)
+
+
+def run(scene, seconds, wanted):
+    """Times since the begin [s] and force on the wall along x [N], and the last tick's command.
+
+    `wanted(controller, state)` gives the reference from the begin on; before, the arm circles, then rests
+    3 mm from the wall.
+    """
+    loop, dt, made = loop_of(scene), 1.0 / scene.rate_hz, []
+
+    def reference(t, inner):
+        if t < 4.0:
+            return None
+        if not made:
+            made.append(loop.controller.tip(inner.controller, PLACE - np.array([0.003, 0.0, 0.0])))
+        if t > BEGIN_S and len(made) == 1:
+            made.append(wanted(loop.controller, inner.controller))
+        return made[-1]
+
+    twin = Twin(scene.loaded_robot, scene.twin_node())
+    ticks = list(loop.run(twin, round((BEGIN_S + seconds) / dt), dt, reference=reference, before_s=-dt))
+    rows = np.array([(tick.t_s - BEGIN_S, -tick.seen.contact_n[0]) for tick in ticks if tick.t_s >= BEGIN_S])
+    assert all(tick.command.status.ok for tick in ticks[5:])
+    return *rows.T, ticks[-1]
+
+
+def pressing(newton):
+    return lambda controller, state: controller.press(state, [newton, 0.0, 0.0])
+
+
+def off(times, force, goal, since_s):
+    """Largest error of the force [N], from a time after the touch on."""
+    touch = times[np.argmax(force > 1e-3)]
+    return np.max(np.abs(force[times > touch + since_s] - goal))
+
+
+@pytest.mark.parametrize(
+    ("goal", "keys"),
+    [
+        (0.05, {}),
+        (0.05, {"stiffness": 200.0, "friction": 0.8}),
+    ],
+)
+def test_a_press_is_near_its_force_soon_after_the_touch(goal, keys):
+    times, force, _ = run(scene_with(**keys), 4.0, pressing(goal))
+    assert off(times, force, goal, 1.2) < 0.1 * goal
+    assert off(times, force, goal, 2.0) < 2.5e-3  # of the noise of the estimated force, 9 mN
+    assert np.max(force) < goal + max(0.1 * goal, 3e-3)
+
+
+def test_the_cap_bounds_the_force_of_a_reference_behind_the_wall():
+    def behind(controller, state):
+        return controller.tip(state, PLACE + np.array([0.008, 0.0, 0.0]))
+
+    free = run(scene_with(), 3.0, behind)[1]
+    times, force, _ = run(scene_with(cap_n=0.04), 3.0, behind)
+    touch = times[np.argmax(force > 1e-3)]
+    mean = np.convolve(force, np.full(10, 0.1), mode="valid")  # of 50 ms
+    assert np.max(free) > 0.055
+    assert np.max(mean[times[9:] > touch + 0.3]) < 0.043
+
+
+def test_a_tip_that_meets_nothing_stops():
+    def away(controller, state):
+        return controller.press(state, [-0.05, 0.0, 0.0])
+
+    _, force, last = run(scene_with(approach_s=1.0), 2.0, away)
+    assert not force.any()
+    assert "no contact within 1.0 s" in last.command.status.note
+    assert last.command.tip_reference[0, 3] == pytest.approx(PLACE[0] - 0.003 - 0.01, abs=2e-4)
+
+
+def test_forces_that_pressures_cannot_make_and_caps_below_the_friction_are_refused():
+    scene = scene_with(platform="emulated_canopen")
+    loop, dt = loop_of(scene), 1.0 / scene.rate_hz
+    twin = Twin(scene.loaded_robot, scene.twin_node())
+    state = loop.initial_state(-dt)
+    with refused("force", got="no estimate of it"):
+        loop.controller.press(state.controller, [0.1, 0.0, 0.0])
+    plant = twin.initial()
+    for _ in range(40):
+        plant, seen = twin.observe(plant)
+        state, _, command = loop.step(state, seen.reading_pa, seen.poses, seen.imus, dt)
+        plant = twin.step_setpoints(plant, command.setpoint_pa)
+    with refused("force", names=("link0/chamber", "kPa")):
+        loop.controller.press(state.controller, [3.0, 0.0, 0.0])
+    assert isinstance(loop.controller.press(state.controller, [0.1, 0.0, 0.0]), Press)
+    capped = loop_of(scene_with(platform="emulated_canopen", cap_n=1e-4)).controller
+    with refused("force.cap_n", names=("friction",)):
+        capped.press(state.controller, [5e-5, 0.0, 0.0])

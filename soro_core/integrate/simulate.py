@@ -142,10 +142,10 @@ def simulate(
     tension : callable, (n_tendons,) or (n_t, 3, n_tendons), optional
         Tensions of the tendons [N], 0 or more, likewise; `pressure` is then that of the chambers alone.
     wrench : callable, (6,) or (n_wrenches, 6), optional
-        Wrenches as in `SoftArm.forward_dynamics`, constant or a function of the time [s] and the `State` (q, qd,
-        internal). It is called once a step, with the middle of the step: its time, q and qd extrapolated to
-        there, and internal states of the start. Its value is held over the step. The error is of second order
-        in dt; a stiff force that follows the arm needs a dt below its own time (ADR 0065).
+        Wrenches as in `SoftArm.forward_dynamics`, constant or a function of the time [s] and the `State` (q,
+        qd, internal). It is called once a step, with the middle of the step: its time, q and qd extrapolated
+        to there, and internal states of the start. Its value is held over the step. The error is of second
+        order in dt; a stiff force that follows the arm needs a dt below its own time (ADR 0065).
     base : callable, optional
         Motion of the base: its `BaseState` as a function of time, as a `Shake`; default at rest. The
         coordinates are those seen from the base. Not with `valves`.
@@ -266,7 +266,7 @@ def _run_pushed(
     rows: tuple[Array, Array, Array],
     arm: SoftArm,
 ) -> tuple[int, int, ArrayLike | None]:
-    """Run step by step, each with the wrench of its middle; gives the last good row, a code, the last wrench."""
+    """Run step by step, each with the wrench of its middle; gives last good row, code and last wrench."""
     (times, inputs), (q, v, z) = given, rows
     held = None
     for k in range(len(times) - 1):

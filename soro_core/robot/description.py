@@ -50,6 +50,12 @@ class Calibration(Strict):
     bodies: Annotated[tuple[SensorBody, ...], Field(strict=False)] = Field(
         (), description="where the tracked bodies are mounted"
     )
+    gain_std: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="deviation of the common scale of gains and stiffness, as a part of it; 0: not known",
+    )
 
 
 _PLACE = re.compile(r"[A-Za-z]\w*", re.ASCII)

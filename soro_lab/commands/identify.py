@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from soro_core.errors import BagError, ConfigError
-from soro_core.files.units import unit_option
+from soro_core.files.units import Quantity, unit_option
 from soro_lab.commands.identify_air import SUPPLY, VOLUME, AirStage, sources
 
 if TYPE_CHECKING:
@@ -96,6 +96,15 @@ def identify(
             show_default=False,
         ),
     ] = None,
+    known_load: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="RUN=MASS",
+            help="Known mass at the tip during a recording, beside that of the robot file, like weight=20g; "
+            "may be given again. It fixes the common scale of gains and stiffness.",
+            show_default=False,
+        ),
+    ] = None,
     keep: Annotated[
         str | None,
         typer.Option(
@@ -176,7 +185,7 @@ def identify(
         wanted.check(described, force)
     console = Console(stderr=True)
     air = AirStage(out, volume, supply, accept, force)
-    read = _read(paths, columns or [], described)
+    read = _loaded(_read(paths, columns or [], described), known_load or [])
     for recording in read:
         console.print(summary(recording), highlight=False, markup=False)
     if described is None or not any(recording.shapes for recording in read):
@@ -231,6 +240,19 @@ def identify(
     status = status if accepted else 1
     if interrupted or status:
         raise typer.Exit(130 if interrupted else status)
+
+
+def _loaded(recordings: list[Recording], loads: list[str]) -> list[Recording]:
+    """Return the recordings with the masses that `--known-load` states."""
+    found = {recording.name: recording for recording in recordings}
+    for text in loads:
+        name, _, stated = text.partition("=")
+        if name not in found:
+            allowed = f"RUN=MASS with a recording: {', '.join(found)}"
+            raise ConfigError("soro identify", "--known-load", text, allowed)
+        mass = Quantity("kg", 1e-4, 5.0, "20g").number(stated, "soro identify", "--known-load")
+        found[name] = replace(found[name], load_kg=mass)
+    return list(found.values())
 
 
 def _read(paths: list[Path], columns: list[str], robot: Robot | None) -> list[Recording]:

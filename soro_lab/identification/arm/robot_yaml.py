@@ -145,6 +145,8 @@ def _quality(found: ArmIdentification) -> Iterator[str]:
     yield from (f"{what}: {error}." for error in found.held_out or found.fitted)
     if found.held_out:
         yield f"RMS error on what was held out: {100 * found.held_out_share:.2g} % of the range moved."
+    if std := found.robot.calibration.gain_std:
+        yield f"Scale of gains and stiffness, and so of forces: within {100 * std:.2g} % (gain_std)."
     if found.interrupted:
         yield "INTERRUPTED: the search did not end; these are the best numbers until there."
     yield from (f"UNPHYSICAL: {each}." for each in impossible(found))

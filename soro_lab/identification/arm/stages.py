@@ -23,7 +23,12 @@ from soro_lab.identification.arm.search.blind import check_motion, check_numbers
 from soro_lab.identification.arm.search.prepare import first_errors, residual_errors, rests_of, split
 from soro_lab.identification.arm.search.problem import Problem
 from soro_lab.identification.arm.search.solve import FitSolution, evaluated, solve
-from soro_lab.identification.arm.search.uncertainty import Uncertainty, certainty, not_determined
+from soro_lab.identification.arm.search.uncertainty import (
+    Uncertainty,
+    certainty,
+    not_determined,
+    scale_deviation,
+)
 from soro_lab.identification.arm.trials import COMPARED, LawTrials, Problems, Progress
 from soro_lab.identification.recording import (
     Marker,
@@ -202,6 +207,9 @@ def identify(
     found = calibrated(
         last.robot_of(solution.values), (s for r in recordings for s in r.shapes), solution.values
     )
+    std = scale_deviation(last.numbers, sure)
+    if std is not None:
+        found = found.replace(calibration=found.calibration.model_copy(update={"gain_std": std}))
     interrupted = interrupted or solution.interrupted
     parts = tuple(fit), tuple(held)
     return ArmIdentification(

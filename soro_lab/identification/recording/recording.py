@@ -99,6 +99,8 @@ class Recording:
         What was left out of each stream of the file; also that of a window is of the whole file.
     notes : tuple of str
         What the reader has assumed, a line each.
+    load_kg : float
+        Known mass at the tip during the run, beside that of the robot [kg].
     """
 
     name: str
@@ -115,6 +117,7 @@ class Recording:
     frame: str = "world"
     faults: tuple[OmittedSamples, ...] = ()
     notes: tuple[str, ...] = ()
+    load_kg: float = 0.0
 
     @property
     def shapes(self) -> tuple[Shape, ...]:

@@ -47,6 +47,13 @@ def at(thing, path):
             "twin.payload_changes.at_s.0",
             0.5,
         ),
+        (
+            "twin.wrench",
+            {"at_s": [1], "force_n": [["50mN", 0, 0]], "torque_nm": [["1Nmm", 0, 0]]},
+            "twin.wrench.force_n.0",
+            0.05,
+        ),
+        ("twin.wall", {"stiffness": "2 N/mm", "point": ["20mm", 0, 0]}, "twin.wall.stiffness", 2000.0),
         ("faults", [{"fault": "delay", "delay_s": "20ms", "at": "1.5s"}], "faults.0.value", 0.02),
     ],
 )

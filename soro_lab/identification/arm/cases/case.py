@@ -142,6 +142,9 @@ class Whole:
     def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> ArmMotion:
         """Return the motion from rest, or from where a release begins."""
         times, table = self._pressures
+        if self.recording.load_kg:
+            robot = arm.robot.replace(tip_mass=arm.robot.tip_mass + self.recording.load_kg)
+            arm = SoftArm(robot, nodes=arm.nodes)
         q0, internal = at_start(arm, self.name, equilibrium(arm, table[0, 0]), values)
         result = simulate(
             arm,
@@ -187,19 +190,23 @@ class Rests:
         Of each state [Pa gauge].
     shapes : tuple of Shape
         What was seen; sample k belongs to state `t[k]`.
+    load_kg : tuple of float
+        Known mass at the tip in each state, beside that of the robot [kg]; () where there is none.
     """
 
     name: str
     pressure: Array
     shapes: tuple[Shape, ...]
+    load_kg: tuple[float, ...] = ()
     block_s: float = field(default=1.0, init=False)
 
     def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> ArmMotion:
         """Return the balances, each search started at the nearest state that was found."""
         q = np.zeros((len(self.pressure), arm.n_q))
-        for k, p in enumerate(self.pressure):
+        loads = self.load_kg or (0.0,) * len(q)
+        for k, (p, load) in enumerate(zip(self.pressure, loads, strict=True)):
             near = int(np.argmin(np.linalg.norm(self.pressure[:k] - p, axis=1))) if k else 0
-            q[k] = equilibrium(arm, p, q[near] if k else None)
+            q[k] = equilibrium(arm, p, q[near] if k else None, load)
         return ArmMotion(np.arange(len(q), dtype=np.float64), q, np.zeros_like(q))
 
     def coordinates(self, path: ArmMotion, frames: Mapping[str, float]) -> list[Array]:

@@ -8,6 +8,7 @@ is never taken smaller than the estimate of independent samples.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -26,6 +27,8 @@ UNDETERMINED = 0.5
 _AT_BOUND = 1e-3
 # A run has at least so many blocks; a block is so many times as long as correlation lasts.
 _FEWEST, _BLOCK = 10, 3.0
+# Names of gains of whole links.
+_GAIN = re.compile(r"link\d+/gain")
 # Parts of a combination of numbers that are named: those above this share of the largest.
 _NAMED = 0.5
 
@@ -51,6 +54,28 @@ class Uncertainty:
     correlation: Array
     undetermined: dict[str, tuple[str, ...]]
     at_bound: tuple[str, ...]
+
+
+def scale_deviation(numbers: Sequence[ArmParameter], sure: Uncertainty) -> float | None:
+    """Return the deviation of the scale of moments, and so of lateral forces, as a part of it.
+
+    That of gain times moment arm, of the link for which it is least certain; None where no gain is searched.
+
+    Parameters
+    ----------
+    numbers : sequence of ArmParameter
+        Of the problem.
+    sure : Uncertainty
+        Of its solution.
+    """
+    at = {number.name: k for k, number in enumerate(numbers)}
+    found = []
+    for name in filter(_GAIN.fullmatch, at):
+        parts = [part for part in (name, name.replace("/gain", "/arm")) if part in at]
+        own = np.array([sure.deviations[part] for part in parts])
+        index = [at[part] for part in parts]
+        found.append(float(np.sqrt(max(own @ sure.correlation[np.ix_(index, index)] @ own, 0.0))))
+    return min(max(found), 1.0) if found else None
 
 
 def certainty(problem: Problem, solution: FitSolution) -> Uncertainty:

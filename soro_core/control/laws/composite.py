@@ -200,6 +200,8 @@ class Composite(Law[CompositeState]):
             acting = self.setting.arm.acting_pressure(belief.pressure_pa)
             force, by_q = self.learner.chambers.force(learner.chambers, belief.q, acting)
             found, own = (one.with_force(belief.q, force, by_q, scales) for one in (found, own))
+        if found is own and doubt is None:  # the same object, until there is something new
+            return found
         return replaced(found, own=own.theta, doubt=doubt)
 
     def counts(self, state: CompositeState) -> dict[str, int]:

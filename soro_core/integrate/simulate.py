@@ -6,8 +6,8 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, TypeAlias
+from functools import partial, wraps
+from typing import TYPE_CHECKING, ParamSpec, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+P = ParamSpec("P")
 Wrench: TypeAlias = Callable[[float, State], ArrayLike] | ArrayLike | None
 # Lines of a panel that a legend names, and their styles by the kind of coordinate where there are more.
 MOST_LABELS, STYLES = 8, ("-", "--", ":", "-.")
@@ -106,6 +107,19 @@ class Result:
         return figure
 
 
+def _noted(run: Callable[P, Result]) -> Callable[P, Result]:
+    """Log inputs beyond the range of their robot, after a run."""
+
+    @wraps(run)
+    def noted(*args: P.args, **options: P.kwargs) -> Result:
+        result = run(*args, **options)
+        note_range(result.arm.robot, result.pressure, "simulate")
+        return result
+
+    return noted
+
+
+@_noted
 def simulate(
     arm: SoftArm,
     q0: ArrayLike | None = None,
@@ -176,44 +190,6 @@ def simulate(
     `pressure_range_pa` of the robot, and tensions beyond `max_tension_n` of their tendon, by more than a
     twentieth of the range.
     """
-    result = run_once(
-        arm,
-        q0,
-        qd0,
-        t_end=t_end,
-        dt=dt,
-        integrator=integrator,
-        pressure=pressure,
-        tension=tension,
-        wrench=wrench,
-        base=base,
-        valves=valves,
-        pressure0=pressure0,
-        internal0=internal0,
-        rtol=rtol,
-    )
-    note_range(result.arm.robot, result.pressure, "simulate")
-    return result
-
-
-def run_once(
-    arm: SoftArm,
-    q0: ArrayLike | None = None,
-    qd0: ArrayLike | None = None,
-    *,
-    t_end: float = 1.0,
-    dt: float = 2e-3,
-    integrator: str = "trapezoidal",
-    pressure: Callable[[float], ArrayLike] | ArrayLike | None = None,
-    tension: Callable[[float], ArrayLike] | ArrayLike | None = None,
-    wrench: Wrench = None,
-    base: Base | None = None,
-    valves: ValveModel | None = None,
-    pressure0: ArrayLike | None = None,
-    internal0: ArrayLike | None = None,
-    rtol: float | None = None,
-) -> Result:
-    """Simulate without a look at the range of pressures; parameters as in `simulate`."""
     require(arm, SoftArm, "arm", "a SoftArm")
     require(valves, ValveModel | None, "valves", "a ValveModel")
     air = air_behind(arm, valves)

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
+from inspect import unwrap
 from numbers import Integral
 from typing import Any, TypeAlias
 
@@ -14,13 +15,16 @@ from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError, short
-from soro_core.integrate.simulate import Result, run_once
+from soro_core.integrate.simulate import Result, simulate
 from soro_core.jobs import Executor, given_or_threads, map_jobs
 from soro_core.model import SoftArm
 from soro_core.model.checks import dimensions, note_range, shaped
 from soro_core.robot import Robot
 
 Pressure: TypeAlias = Callable[[float], ArrayLike] | ArrayLike | None
+
+# Of many runs one line in the log is enough, which names the run.
+_simulate: Callable[..., Result] = unwrap(simulate)
 
 
 class Runs(tuple[Result, ...]):
@@ -171,7 +175,7 @@ class _Job:
 def _run(options: dict[str, Any], job: _Job) -> Result:
     try:
         arm = SoftArm(job.arm) if isinstance(job.arm, Robot) else job.arm
-        return run_once(arm, job.q0, job.qd0, pressure=job.pressure, internal0=job.internal0, **options)
+        return _simulate(arm, job.q0, job.qd0, pressure=job.pressure, internal0=job.internal0, **options)
     except ModelError as error:
         raise ModelError(f"run {job.number}: {error}", error.key) from None
 

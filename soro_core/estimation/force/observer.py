@@ -25,6 +25,8 @@ from soro_core.model import SoftArm
 
 # Pieces of an arm of few links; the time of a balance grows with the cube of their number.
 _MOST_PIECES = 8
+# Deviation of the common gain of an arm whose robot file does not state it.
+_GAIN_STD = 0.03
 
 
 class Seen(NamedTuple):
@@ -91,6 +93,10 @@ class ForceState(NamedTuple):
     held: TipHold | None = None
     external: ExternalForce | None = None
 
+    def begun_anew(self, due_s: float) -> ForceState:
+        """Return the state without an estimate; what was touched may be there still."""
+        return ForceState(due_s=due_s, stage=self.stage)
+
 
 @dataclass(frozen=True)
 class Noise:
@@ -124,6 +130,8 @@ class ForceObserver:
         self.balancer = TipBalancer(arm, links, self._pieces)
         self.force = LearnedForce(arm, links)
         self._nothing = np.zeros(self.force.size)
+        measured = arm.robot.calibration.gain_std or _GAIN_STD
+        self._gain_std = measured if config.gain_std is None else config.gain_std
 
     def step(
         self, state: ForceState, seen: Sequence[Seen], s: float, known: LearnedInput, now_s: float
@@ -157,7 +165,7 @@ class ForceObserver:
         measured = state.measured._replace(force=state.measured.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
-            return ForceState(due_s=state.due_s)
+            return state.begun_anew(state.due_s)
         dt, config = state.passed_s - start_s, self.config
         part = max(-math.expm1(-config.low_pass_per_s * dt), dt / (state.passed_s + dt) if dt > 0.0 else 1.0)
         slow = balance.force_n if state.force_n is None else state.force_n
@@ -227,7 +235,7 @@ class ForceObserver:
             elastic = config.stiffness_std * scales.stiffness * scales.force * q
             doubt = np.diag(elastic**2) + np.outer(load, load)
         found = (
-            config.gain_std**2 * np.outer(gain, gain)
+            self._gain_std**2 * np.outer(gain, gain)
             + single @ single.T
             + balance.by_force @ doubt @ balance.by_force.T
         )

@@ -10,6 +10,8 @@ from soro_core.adaptation.learner import Learner, LearnerSample
 from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerConfig
 from soro_core.estimation import Estimator, EstimatorConfig
+from soro_core.estimation.force.config import ForceConfig
+from soro_core.estimation.force.observer import ForceObserver, Noise
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
 from soro_core.estimation.force.tip_balance import Measured, TipBalancer
 from soro_core.loop import Loop
@@ -213,3 +215,11 @@ def test_a_push_on_a_circling_arm_is_found_and_taken_into_the_filter():
     assert np.sqrt((sideways**2).sum(axis=1).mean()) < 12e-3
     misses = np.array([one.tip_pose[:3, 3] - tip for one, tip in late])
     assert np.abs(misses.mean(axis=0)).max() < 0.6e-3
+
+
+def test_the_doubt_about_the_scale_is_that_of_the_robot_file_where_a_weight_has_shown_it():
+    def std(robot, **keys):
+        return ForceObserver(SoftArm(robot), ForceConfig(**keys), 1, Noise(3e-4, 100.0))._gain_std
+
+    weighed = ROBOT.replace(calibration=ROBOT.calibration.model_copy(update={"gain_std": 0.004}))
+    assert (std(ROBOT), std(weighed), std(weighed, gain_std=0.0)) == (0.03, 0.004, 0.0)

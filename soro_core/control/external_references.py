@@ -157,7 +157,7 @@ class GivenReferences:
             return None
         if force.press is not None:  # goes on, also without an estimate: the tip stops there
             return force.press
-        return None if force.felt is None else self.press(state, settings.press_n)
+        return None if force.felt is None or force.refusal else self.press(state, settings.press_n)
 
     def press(self, state: ControllerState, force_n: Array | Sequence[float]) -> Reference:
         """Return a reference that presses with a force; of 0 one that lets go, and returns.

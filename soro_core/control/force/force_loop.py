@@ -63,6 +63,8 @@ class ForceLoopState:
         Time of the approach [s].
     is_beyond, is_unfelt : bool
         Whether a press has stopped because the tip could not follow, or because its force was not estimated.
+    refusal : str
+        Why the configured press is refused; empty if it is not.
     tip, speed : ndarray (3,)
         Tracked position and velocity of the tip [m, m/s].
     moved, rate : ndarray (3,)
@@ -99,6 +101,7 @@ class ForceLoopState:
     felt: ExternalForce | None = None
     is_beyond: bool = False
     is_unfelt: bool = False
+    refusal: str = ""
 
     @property
     def push_n(self) -> Array:
@@ -109,7 +112,7 @@ class ForceLoopState:
     def note(self) -> str:
         """What the user must know."""
         if self.phase != "stopped":
-            return ""
+            return self.refusal
         if self.is_unfelt:
             return "no estimate of the force: the tip is stopped"
         where = "where the tip follows" if self.is_beyond else f"within {self.approach_s:.1f} s"

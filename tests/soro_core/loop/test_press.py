@@ -175,3 +175,14 @@ def test_the_cap_bounds_again_after_some_time_without_an_estimate():
     assert np.max(force[(times > blind_s + 0.3) & (times < sees_s)]) < 0.043
     assert np.max(force[times > sees_s]) < 0.1
     assert np.max(force[times > sees_s + 1.2]) < 0.045
+
+
+def test_an_arm_whose_configured_press_cannot_be_stays_on_its_reference_and_says_why():
+    scene = scene_with(platform="emulated_canopen")
+    reference = with_changes(scene.controller.reference, press_n=(3.0, 0.0, 0.0), press_s=BEGIN_S)
+    scene = with_changes(scene, controller=with_changes(scene.controller, reference=reference))
+    _, force, tips, last = run(scene, 1.0, None)
+    assert "press: force" in last.command.status.note
+    assert "kPa" in last.command.status.note
+    assert not force.any()
+    assert np.linalg.norm(tips[-1] - last.command.tip_reference[:3, 3]) < 1e-3

@@ -27,6 +27,8 @@ from soro_core.model import SoftArm
 _MOST_PIECES = 8
 # Deviation of the common gain of an arm whose robot file does not state it.
 _GAIN_STD = 0.03
+# Time without a position of a place after which one further in is used [s].
+_PLACE_S = 0.25
 
 
 class Seen(NamedTuple):
@@ -63,6 +65,8 @@ class ForceState(NamedTuple):
         When the next estimate is due [s].
     last : Seen or None
         The newest position that is used; None before the first.
+    place : float
+        Where it was, along the whole arm [m].
     passed_s : float
         Time since the low-pass began [s].
     interval_s : float
@@ -83,6 +87,7 @@ class ForceState(NamedTuple):
 
     due_s: float = -math.inf
     last: Seen | None = None
+    place: float = 0.0
     passed_s: float = 0.0
     interval_s: float = 0.0
     measured: Measured | None = None
@@ -153,6 +158,11 @@ class ForceObserver:
         state = state._replace(due_s=now_s + self.config.period_s)
         if not seen:
             return state
+        if state.last is not None and s != state.place:  # a low-pass of two places would be of neither
+            if s < state.place and seen[-1].stamp_s - state.last.stamp_s < _PLACE_S:
+                return state
+            state = state.begun_anew(state.due_s)
+        state = state._replace(place=s)
         start_s = state.passed_s
         for one in seen:
             state = self._passed(state, one)

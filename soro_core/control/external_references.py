@@ -190,6 +190,8 @@ class GivenReferences:
                     "press", "force", "0 N", "a force above 0; 0 lets go, and nothing is pressed"
                 )
             return Hold(before.q)
+        stiffness = self.force_loop.stiffness
+        check_cap(stiffness, config.cap_n, self.setpoints.pressures.play_pa)
         if config.cap_n and size > config.cap_n:
             allowed = f"at most the cap, {1e3 * config.cap_n:g} mN (force.cap_n)"
             raise ConfigError("press", "force", f"{1e3 * size:g} mN", allowed)
@@ -198,8 +200,6 @@ class GivenReferences:
             raise ConfigError(
                 "press", "force", "no estimate of it", "an arm in control whose tip is measured"
             )
-        stiffness = self.force_loop.stiffness
-        check_cap(stiffness, config.cap_n, self.setpoints.pressures.play_pa)
         q = reference_ahead(self.bounds, state.following, 0.0).q if before is None else before.q
         supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
         check_force(supply, stiffness, q, push)

@@ -227,7 +227,7 @@ def test_the_doubt_about_the_scale_is_that_of_the_robot_file_where_a_weight_has_
 
 
 def test_positions_of_two_places_are_not_mixed():
-    """A tip that is seen less often than the middle: between two of its positions that of the middle comes."""
+    """A tip that is seen less often than the middle of the arm."""
     robot = load_robot("tue_three_bellow")
     twin = Twin(robot, TwinConfig(pose={"locations": (0.5, 1.0), "rate_hz": 200.0}))
     estimator, world, found = Estimator(robot), twin.initial(), []

@@ -133,7 +133,7 @@ def test_forces_that_pressures_cannot_make_and_caps_below_the_friction_are_refus
     assert isinstance(loop.controller.press(state.controller, [0.1, 0.0, 0.0]), Press)
     capped = loop_of(scene_with(platform="emulated_canopen", cap_n=1e-4)).controller
     with refused("force.cap_n", names=("friction",)):
-        capped.press(state.controller, [5e-5, 0.0, 0.0])
+        capped.press(state.controller, [0.05, 0.0, 0.0])
 
 
 class Blind(Twin):

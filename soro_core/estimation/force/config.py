@@ -30,7 +30,7 @@ class ForceConfig(Strict):
         ge=0,
         le=1,
         description="deviation of the common gain of all chambers, which free motion does not show; default: "
-        "calibration.gain_std of the robot, which a known weight has shown, else 0.03",
+        "calibration.gain_std of the robot where a known weight has made it less than 0.03, else 0.03",
     )
     model_std_pa: float = Field(
         100.0,

@@ -25,7 +25,8 @@ from soro_core.model import SoftArm
 
 # Pieces of an arm of few links; the time of a balance grows with the cube of their number.
 _MOST_PIECES = 8
-# Deviation of the common gain of an arm whose robot file does not state it.
+# Deviation of the common gain of an arm whose robot file states none or a larger one: by a doubt of a third
+# of itself no force would be one.
 _GAIN_STD = 0.03
 # Time without a position of a place after which one further in is used [s].
 _PLACE_S = 0.25
@@ -135,7 +136,7 @@ class ForceObserver:
         self.balancer = TipBalancer(arm, links, self._pieces)
         self.force = LearnedForce(arm, links)
         self._nothing = np.zeros(self.force.size)
-        measured = arm.robot.calibration.gain_std or _GAIN_STD
+        measured = min(arm.robot.calibration.gain_std or _GAIN_STD, _GAIN_STD)
         self._gain_std = measured if config.gain_std is None else config.gain_std
 
     def step(

@@ -222,8 +222,11 @@ def test_the_doubt_about_the_scale_is_that_of_the_robot_file_where_a_weight_has_
     def std(robot, **keys):
         return ForceObserver(SoftArm(robot), ForceConfig(**keys), 1, Noise(3e-4, 100.0))._gain_std
 
-    weighed = ROBOT.replace(calibration=ROBOT.calibration.model_copy(update={"gain_std": 0.004}))
-    assert (std(ROBOT), std(weighed), std(weighed, gain_std=0.0)) == (0.03, 0.004, 0.0)
+    weighed, doubtful = (
+        ROBOT.replace(calibration=ROBOT.calibration.model_copy(update={"gain_std": found}))
+        for found in (0.004, 0.3)
+    )
+    assert (std(ROBOT), std(weighed), std(doubtful), std(weighed, gain_std=0.0)) == (0.03, 0.004, 0.03, 0.0)
 
 
 def test_positions_of_two_places_are_not_mixed():

@@ -7,9 +7,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:  # with the code of the filter
     from soro_core.adaptation.external_force import Stage
 
-if TYPE_CHECKING:  # with the code of the filter
-    pass
-
 # Of a controller while it sends no command, and of an estimator without an estimate.
 NO_COMMAND, NO_ESTIMATE = "no command", "no estimate"
 # Of a node that drives valves, while its latch is closed; and behind it, if someone asked for the vent.

@@ -41,7 +41,7 @@ from soro_core.control.reference.active_reference import follow, reference_ahead
 from soro_core.control.reference.trajectory import Point, Reference
 from soro_core.control.reference.underactuation import UnderactuatedReference, UnderactuatedState
 from soro_core.control.trial import refuse_lost_arm
-from soro_core.errors import SoroError
+from soro_core.errors import ConfigError, SoroError
 from soro_core.frozen import replaced
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot
@@ -227,7 +227,10 @@ class Controller(GivenReferences):
         if state.watch.fallen:
             return self._vented(state, dt)
         if reference is None:
-            reference = self.configured_press(state, t)
+            try:
+                reference = self.configured_press(state, t)
+            except ConfigError as error:  # the arm stays on its reference
+                state = replace(state, force=replace(state.force, refusal=str(error)))
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s

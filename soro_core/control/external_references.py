@@ -12,7 +12,7 @@ from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
 from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.force.press import Press
-from soro_core.control.force.press_checks import check_cap, check_force
+from soro_core.control.force.press_checks import LARGEST_N, check_cap, check_force
 from soro_core.control.laws.protocol import Law
 from soro_core.control.motions.lookout import Lookout, keep_clear
 from soro_core.control.motions.motion import finished
@@ -153,9 +153,11 @@ class GivenReferences:
     def configured_press(self, state: ControllerState, t: float) -> Reference | None:
         """Return the configured press at time `t` [s]; None where there is none yet, or no estimate."""
         settings, force = self.config.reference, state.force
-        if not any(settings.press_n) or t < settings.press_s or force.felt is None:
+        if not any(settings.press_n) or t < settings.press_s:
             return None
-        return force.press or self.press(state, settings.press_n)
+        if force.press is not None:  # goes on, also without an estimate: the tip stops there
+            return force.press
+        return None if force.felt is None or force.refusal else self.press(state, settings.press_n)
 
     def press(self, state: ControllerState, force_n: Array | Sequence[float]) -> Reference:
         """Return a reference that presses with a force; of 0 one that lets go, and returns.
@@ -178,8 +180,9 @@ class GivenReferences:
             beyond the cap or what pressures can make, or the cap below the friction of the arm.
         """
         push = np.asarray(force_n, dtype=np.float64)
-        if push.shape != (3,) or not np.all(np.isfinite(push)):
-            raise ConfigError("press", "force", push.tolist(), "three finite numbers [N]")
+        if push.shape != (3,) or not np.all(np.abs(push) <= LARGEST_N):  # what is not finite is not less
+            allowed = f"three finite numbers, from {-LARGEST_N:g} to {LARGEST_N:g} N"
+            raise ConfigError("press", "force", push.tolist(), allowed)
         config, size, before = self.config.force, float(np.linalg.norm(push)), state.force.press
         if size == 0.0:
             if before is None:
@@ -187,6 +190,8 @@ class GivenReferences:
                     "press", "force", "0 N", "a force above 0; 0 lets go, and nothing is pressed"
                 )
             return Hold(before.q)
+        stiffness = self.force_loop.stiffness
+        check_cap(stiffness, config.cap_n, self.setpoints.pressures.play_pa)
         if config.cap_n and size > config.cap_n:
             allowed = f"at most the cap, {1e3 * config.cap_n:g} mN (force.cap_n)"
             raise ConfigError("press", "force", f"{1e3 * size:g} mN", allowed)
@@ -195,8 +200,6 @@ class GivenReferences:
             raise ConfigError(
                 "press", "force", "no estimate of it", "an arm in control whose tip is measured"
             )
-        stiffness = self.force_loop.stiffness
-        check_cap(stiffness, config.cap_n, self.setpoints.pressures.play_pa)
         q = reference_ahead(self.bounds, state.following, 0.0).q if before is None else before.q
         supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
         check_force(supply, stiffness, q, push)

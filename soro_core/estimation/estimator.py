@@ -191,7 +191,7 @@ class Estimator:
         """Return what is known of the external force after a tick."""
         assert self._force is not None
         if tick.t_s - tick.position_s > self.config.lost_after_s:
-            return ForceState(due_s=tick.t_s + self.config.force.period_s)
+            return tick.force.begun_anew(tick.t_s + self.config.force.period_s)
         last = tick.force.last
         after_s = -math.inf if last is None else last.stamp_s
         seen, place = positions_since(tick.history, tick.belief, after_s)

@@ -319,7 +319,7 @@ ESTIMATES = Panel(
     draw_estimates,
 )
 FORCE = Panel(
-    "force on the arm at its tip, with 2 deviations (pale: true; dashed: goal)",
+    "force at the tip, with 2 deviations (pale: true; dashed: goal)",
     "arm/wrench or truth/wrench",
     lambda view: view.recording.estimated_force.t.size + view.recording.true_force.t.size > 1,
     draw_force,

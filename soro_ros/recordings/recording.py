@@ -59,7 +59,7 @@ class TopicSeries:
     def at(self, t: Array) -> Array:
         """Values interpolated at other times, (len(t), m)."""
         columns = [np.interp(t, self.t, column) for column in self.value.T]
-        return np.column_stack(columns)
+        return np.column_stack(columns) if columns else np.zeros((len(t), 0))
 
     def at_times(self, chosen: NDArray[np.bool_]) -> TopicSeries:
         """Return the chosen (n,) of its samples."""

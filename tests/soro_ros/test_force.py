@@ -25,6 +25,7 @@ from soro_ros.pictures.picture import picture
 from soro_ros.pictures.run_view import open_run
 from soro_ros.recordings import report
 from soro_ros.recordings.evidence import evidence_of
+from soro_ros.recordings.recording import EMPTY
 from soro_ros.recordings.verdict import judge
 from soro_ros.run.end import End
 from soro_ros.status_words import STAGES
@@ -188,9 +189,13 @@ def test_a_configured_press_begins_at_its_time_once_the_force_is_known(t, felt, 
         config=SimpleNamespace(reference=settings),
         press=lambda state, force_n: made.append(force_n) or "press",
     )
-    loop = SimpleNamespace(felt=object() if felt else None, press=None)
+    loop = SimpleNamespace(felt=object() if felt else None, press=None, refusal="")
     found = GivenReferences.configured_press(arm, SimpleNamespace(force=loop), t)
     assert (found, made) == (("press", [settings.press_n]) if presses else (None, []))
     under_way = SimpleNamespace(felt=loop.felt, press="the one under way")
     if presses:
         assert GivenReferences.configured_press(arm, SimpleNamespace(force=under_way), t) == under_way.press
+
+
+def test_a_series_that_is_not_recorded_has_no_columns_at_other_times():
+    assert EMPTY.at(np.arange(3.0)).shape == (3, 0)

@@ -61,8 +61,10 @@ class ForceLoopState:
         Of the press; "stopped" for one that has met nothing. Without a press "contact" while the cap acts.
     approach_s : float
         Time of the approach [s].
-    is_beyond : bool
-        Whether the tip could not follow the approach.
+    is_beyond, is_unfelt : bool
+        Whether a press has stopped because the tip could not follow, or because its force was not estimated.
+    refusal : str
+        Why the configured press is refused; empty if it is not.
     tip, speed : ndarray (3,)
         Tracked position and velocity of the tip [m, m/s].
     moved, rate : ndarray (3,)
@@ -98,6 +100,8 @@ class ForceLoopState:
     added_n: float = 0.0
     felt: ExternalForce | None = None
     is_beyond: bool = False
+    is_unfelt: bool = False
+    refusal: str = ""
 
     @property
     def push_n(self) -> Array:
@@ -108,7 +112,9 @@ class ForceLoopState:
     def note(self) -> str:
         """What the user must know."""
         if self.phase != "stopped":
-            return ""
+            return self.refusal
+        if self.is_unfelt:
+            return "no estimate of the force: the tip is stopped"
         where = "where the tip follows" if self.is_beyond else f"within {self.approach_s:.1f} s"
         return f"no contact {where}: the tip is stopped"
 
@@ -180,7 +186,7 @@ class ForceLoop:
         if press is not state.press:
             keeps = press is not None and state.phase == "contact"
             phase: Phase = "contact" if keeps else "" if press is None else "approach"
-            state = replaced(state, press=press, phase=phase, approach_s=0.0)
+            state = replaced(state, press=press, phase=phase, approach_s=0.0, is_unfelt=False)
         if press is None and not self.config.cap_n and not (state.moved.any() or state.wanted_n):
             return state if state.tip is None else replaced(state, tip=None)
         state = self._tracked(state, *seen, dt)
@@ -223,6 +229,8 @@ class ForceLoop:
     def _pressed(self, state: ForceLoopState, press: Press, tip: Array, dt: float) -> ForceLoopState:
         """Return the state with the reference of a press moved."""
         config, direction = self.config, press.direction
+        if state.felt is None and state.phase != "stopped":
+            state = replaced(state, phase="stopped", is_unfelt=True)
         if state.felt is None or state.phase == "stopped":
             return self._released(replaced(state, rate=np.zeros(3)), dt)
         goal = min(press.force_n, config.cap_n or np.inf)
@@ -248,6 +256,8 @@ class ForceLoop:
     ) -> ForceLoopState:
         """Return the state under the cap, for a reference with the tip there at that speed."""
         cap = self.config.cap_n
+        if cap and state.felt is None:  # not back into what the tip may touch
+            return self._released(replaced(state, phase="", rate=np.zeros(3)), dt)
         back = _fade(state.moved, self.config.follow_speed_m_s, dt)
         if cap and state.felt is not None and state.tip is not None:
             felt = state.felt
@@ -303,7 +313,9 @@ class ForceLoop:
         for link, of_link in enumerate(self.stiffness.chambers):
             low, high = float(np.min(missing_pa[of_link])), float(np.max(missing_pa[of_link]))
             common[link] = -low if high <= 0.0 else -high if low >= 0.0 else 0.0
-        return replaced(state, moved=state.moved + dt * _RELIEF_PER_S * (state.by_common @ common))
+        rate = _RELIEF_PER_S * (state.by_common @ common)
+        rate = rate * min(1.0, self.config.follow_speed_m_s / max(float(np.linalg.norm(rate)), 1e-9))
+        return replaced(state, moved=state.moved + dt * rate)
 
     def _in_contact(
         self,
@@ -385,6 +397,8 @@ class ForceLoop:
         inverse = weighted @ np.linalg.inv(square)
         shift = inverse @ (tip + state.moved - there + slope @ state.shift)
         inside = self.fields.within(q + shift, self.limit) - q
+        if not np.array_equal(inside, shift):  # what strains cannot follow must not grow
+            state = replaced(state, moved=self._tip(q + inside, q)[0] - tip)
         return replaced(state, shift=inside, shift_rate=inverse @ state.rate)
 
 

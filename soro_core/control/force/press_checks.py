@@ -9,6 +9,9 @@ from soro_core.control.force.tip_stiffness import StiffnessAtTip
 from soro_core.control.motions.pressure_feasibility import PressureSupply
 from soro_core.errors import ConfigError
 
+# Largest force along an axis [N]; a square of it is finite.
+LARGEST_N = 1e3
+
 
 def check_force(supply: PressureSupply, stiffness: StiffnessAtTip, q: Array, push_n: Array) -> None:
     """Refuse a force that no pressures within their range can make.
@@ -39,7 +42,7 @@ def check_force(supply: PressureSupply, stiffness: StiffnessAtTip, q: Array, pus
         low, high, need = maker.minimum_pa[of_link], maker.maximum_pa[of_link], wide[of_link]
         need = need + max(float(np.max(low - need)), 0.0)
         worst = int(np.argmax(need - high))
-        if need[worst] > high[worst]:
+        if not need[worst] <= high[worst]:  # what is not finite is not less
             name = supply.arm.robot.chamber_names[of_link.start + worst]
             allowed = f"what {1e-3 * low[worst]:g} to {1e-3 * high[worst]:g} kPa make"
             allowed = f"{allowed}; {name} would need {1e-3 * need[worst]:.0f} kPa"

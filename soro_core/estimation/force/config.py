@@ -25,12 +25,12 @@ class ForceConfig(Strict):
         le=1e3,
         description="low-pass of positions, pressures and motion, behind which a new force is seen [rad/s]",
     )
-    gain_std: float = Field(
-        0.03,
+    gain_std: float | None = Field(
+        None,
         ge=0,
         le=1,
-        description="deviation of the common gain of all chambers, which free motion does not show; less "
-        "once a known weight or push has shown it",
+        description="deviation of the common gain of all chambers, which free motion does not show; default: "
+        "calibration.gain_std of the robot where a known weight has made it less than 0.03, else 0.03",
     )
     model_std_pa: float = Field(
         100.0,

@@ -25,6 +25,11 @@ from soro_core.model import SoftArm
 
 # Pieces of an arm of few links; the time of a balance grows with the cube of their number.
 _MOST_PIECES = 8
+# Deviation of the common gain of an arm whose robot file states none or a larger one: by a doubt of a third
+# of itself no force would be one.
+_GAIN_STD = 0.03
+# Time without a position of a place after which one further in is used [s].
+_PLACE_S = 0.25
 
 
 class Seen(NamedTuple):
@@ -61,6 +66,8 @@ class ForceState(NamedTuple):
         When the next estimate is due [s].
     last : Seen or None
         The newest position that is used; None before the first.
+    place : float
+        Where it was, along the whole arm [m].
     passed_s : float
         Time since the low-pass began [s].
     interval_s : float
@@ -81,6 +88,7 @@ class ForceState(NamedTuple):
 
     due_s: float = -math.inf
     last: Seen | None = None
+    place: float = 0.0
     passed_s: float = 0.0
     interval_s: float = 0.0
     measured: Measured | None = None
@@ -90,6 +98,10 @@ class ForceState(NamedTuple):
     stage: StageState = StageState()
     held: TipHold | None = None
     external: ExternalForce | None = None
+
+    def begun_anew(self, due_s: float) -> ForceState:
+        """Return the state without an estimate; what was touched may be there still."""
+        return ForceState(due_s=due_s, stage=self.stage)
 
 
 @dataclass(frozen=True)
@@ -124,6 +136,8 @@ class ForceObserver:
         self.balancer = TipBalancer(arm, links, self._pieces)
         self.force = LearnedForce(arm, links)
         self._nothing = np.zeros(self.force.size)
+        measured = min(arm.robot.calibration.gain_std or _GAIN_STD, _GAIN_STD)
+        self._gain_std = measured if config.gain_std is None else config.gain_std
 
     def step(
         self, state: ForceState, seen: Sequence[Seen], s: float, known: LearnedInput, now_s: float
@@ -145,6 +159,11 @@ class ForceObserver:
         state = state._replace(due_s=now_s + self.config.period_s)
         if not seen:
             return state
+        if state.last is not None and s != state.place:  # a low-pass of two places would be of neither
+            if s < state.place and seen[-1].stamp_s - state.last.stamp_s < _PLACE_S:
+                return state
+            state = state.begun_anew(state.due_s)
+        state = state._replace(place=s)
         start_s = state.passed_s
         for one in seen:
             state = self._passed(state, one)
@@ -157,7 +176,7 @@ class ForceObserver:
         measured = state.measured._replace(force=state.measured.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
-            return ForceState(due_s=state.due_s)
+            return state.begun_anew(state.due_s)
         dt, config = state.passed_s - start_s, self.config
         part = max(-math.expm1(-config.low_pass_per_s * dt), dt / (state.passed_s + dt) if dt > 0.0 else 1.0)
         slow = balance.force_n if state.force_n is None else state.force_n
@@ -227,7 +246,7 @@ class ForceObserver:
             elastic = config.stiffness_std * scales.stiffness * scales.force * q
             doubt = np.diag(elastic**2) + np.outer(load, load)
         found = (
-            config.gain_std**2 * np.outer(gain, gain)
+            self._gain_std**2 * np.outer(gain, gain)
             + single @ single.T
             + balance.by_force @ doubt @ balance.by_force.T
         )

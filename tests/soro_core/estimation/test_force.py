@@ -10,9 +10,12 @@ from soro_core.adaptation.learner import Learner, LearnerSample
 from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerConfig
 from soro_core.estimation import Estimator, EstimatorConfig
+from soro_core.estimation.force.config import ForceConfig
+from soro_core.estimation.force.observer import ForceObserver, Noise
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
 from soro_core.estimation.force.tip_balance import Measured, TipBalancer
 from soro_core.loop import Loop
+from soro_core.twin import Twin, TwinConfig
 from tests.soro_core.loop.loop_harness import Harness, Setup
 
 ROBOT = load_robot("tue_three_bellow")
@@ -213,3 +216,30 @@ def test_a_push_on_a_circling_arm_is_found_and_taken_into_the_filter():
     assert np.sqrt((sideways**2).sum(axis=1).mean()) < 12e-3
     misses = np.array([one.tip_pose[:3, 3] - tip for one, tip in late])
     assert np.abs(misses.mean(axis=0)).max() < 0.6e-3
+
+
+def test_the_doubt_about_the_scale_is_that_of_the_robot_file_where_a_weight_has_shown_it():
+    def std(robot, **keys):
+        return ForceObserver(SoftArm(robot), ForceConfig(**keys), 1, Noise(3e-4, 100.0))._gain_std
+
+    weighed, doubtful = (
+        ROBOT.replace(calibration=ROBOT.calibration.model_copy(update={"gain_std": found}))
+        for found in (0.004, 0.3)
+    )
+    assert (std(ROBOT), std(weighed), std(doubtful), std(weighed, gain_std=0.0)) == (0.03, 0.004, 0.03, 0.0)
+
+
+def test_positions_of_two_places_are_not_mixed():
+    """A tip that is seen less often than the middle of the arm."""
+    robot = load_robot("tue_three_bellow")
+    twin = Twin(robot, TwinConfig(pose={"locations": (0.5, 1.0), "rate_hz": 200.0}))
+    estimator, world, found = Estimator(robot), twin.initial(), []
+    state = estimator.initial_state()
+    for k in range(400):
+        world = twin.step_setpoints(world, PRESSURE) if k else world
+        world, seen = twin.observe(world)
+        poses = [one for one in seen.poses if one.s < estimator.length or k % 12 == 0]
+        state, estimate = estimator.step(state, seen.reading_pa, poses, (), twin.dt)
+        if k > 300 and estimate.external is not None:
+            found.append(estimate.external.force_n[:2])
+    assert np.max(np.abs(found)) < 0.05

@@ -1,8 +1,11 @@
 """An arm presses on a wall of the twin that estimator and controller do not know."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from soro_core.config import with_changes
 from soro_core.control.force.press import Press
 from soro_core.twin import Twin
 from soro_lab.scene import load_scene
@@ -39,8 +42,8 @@ def scene_with(tilt_deg=0.0, stiffness=2000.0, friction=0.3, moves_m_s=0.0, plat
     return load_scene("track_circle", keys)
 
 
-def run(scene, seconds, wanted):
-    """Times since the begin [s] and force on the wall along x [N], and the last tick's command.
+def run(scene, seconds, wanted, kind=Twin):
+    """Times since the begin [s], force on the wall along x [N], tips, and the last tick.
 
     `wanted(controller, state)` gives the reference from the begin on; before, the arm circles, then rests
     3 mm from the wall.
@@ -48,7 +51,7 @@ def run(scene, seconds, wanted):
     loop, dt, made = loop_of(scene), 1.0 / scene.rate_hz, []
 
     def reference(t, inner):
-        if t < 4.0:
+        if t < 4.0 or wanted is None:
             return None
         if not made:
             made.append(loop.controller.tip(inner.controller, PLACE - np.array([0.003, 0.0, 0.0])))
@@ -56,15 +59,20 @@ def run(scene, seconds, wanted):
             made.append(wanted(loop.controller, inner.controller))
         return made[-1]
 
-    twin = Twin(scene.loaded_robot, scene.twin_node())
+    twin = kind(scene.loaded_robot, scene.twin_node())
     ticks = list(loop.run(twin, round((BEGIN_S + seconds) / dt), dt, reference=reference, before_s=-dt))
     rows = np.array([(tick.t_s - BEGIN_S, -tick.seen.contact_n[0]) for tick in ticks if tick.t_s >= BEGIN_S])
     assert all(tick.command.status.ok for tick in ticks[5:])
-    return *rows.T, ticks[-1]
+    tips = np.array([tick.seen.tip[:3, 3] for tick in ticks if tick.t_s >= BEGIN_S])
+    return *rows.T, tips, ticks[-1]
 
 
 def pressing(newton):
     return lambda controller, state: controller.press(state, [newton, 0.0, 0.0])
+
+
+def behind(controller, state):
+    return controller.tip(state, PLACE + np.array([0.008, 0.0, 0.0]))
 
 
 def off(times, force, goal, since_s):
@@ -81,18 +89,15 @@ def off(times, force, goal, since_s):
     ],
 )
 def test_a_press_is_near_its_force_soon_after_the_touch(goal, keys):
-    times, force, _ = run(scene_with(**keys), 4.0, pressing(goal))
+    times, force, _, _ = run(scene_with(**keys), 4.0, pressing(goal))
     assert off(times, force, goal, 1.2) < 0.1 * goal
     assert off(times, force, goal, 2.0) < 2.5e-3  # of the noise of the estimated force, 9 mN
     assert np.max(force) < goal + max(0.1 * goal, 3e-3)
 
 
 def test_the_cap_bounds_the_force_of_a_reference_behind_the_wall():
-    def behind(controller, state):
-        return controller.tip(state, PLACE + np.array([0.008, 0.0, 0.0]))
-
     free = run(scene_with(), 3.0, behind)[1]
-    times, force, _ = run(scene_with(cap_n=0.04), 3.0, behind)
+    times, force, _, _ = run(scene_with(cap_n=0.04), 3.0, behind)
     touch = times[np.argmax(force > 1e-3)]
     mean = np.convolve(force, np.full(10, 0.1), mode="valid")  # of 50 ms
     assert np.max(free) > 0.055
@@ -103,7 +108,7 @@ def test_a_tip_that_meets_nothing_stops():
     def away(controller, state):
         return controller.press(state, [-0.05, 0.0, 0.0])
 
-    _, force, last = run(scene_with(approach_s=1.0), 2.0, away)
+    _, force, _, last = run(scene_with(approach_s=1.0), 2.0, away)
     assert not force.any()
     assert "no contact within 1.0 s" in last.command.status.note
     assert last.command.tip_reference[0, 3] == pytest.approx(PLACE[0] - 0.003 - 0.01, abs=2e-4)
@@ -123,7 +128,61 @@ def test_forces_that_pressures_cannot_make_and_caps_below_the_friction_are_refus
         plant = twin.step_setpoints(plant, command.setpoint_pa)
     with refused("force", names=("link0/chamber", "kPa")):
         loop.controller.press(state.controller, [3.0, 0.0, 0.0])
+    with refused("force", names=("finite", "1000 N")):
+        loop.controller.press(state.controller, [1e200, 0.0, 0.0])  # whose square is infinite
     assert isinstance(loop.controller.press(state.controller, [0.1, 0.0, 0.0]), Press)
     capped = loop_of(scene_with(platform="emulated_canopen", cap_n=1e-4)).controller
     with refused("force.cap_n", names=("friction",)):
-        capped.press(state.controller, [5e-5, 0.0, 0.0])
+        capped.press(state.controller, [0.05, 0.0, 0.0])
+
+
+class Blind(Twin):
+    """No poses are seen for 0.6 s."""
+
+    blind_s = (BEGIN_S + 2.5, BEGIN_S + 3.1)
+
+    def observe(self, state):
+        state, seen = super().observe(state)
+        low, high = self.blind_s
+        return state, replace(seen, poses=()) if low < state.tick * self.dt < high else seen
+
+
+@pytest.mark.parametrize(
+    "wanted", [pytest.param(pressing(0.05), id="a reference"), pytest.param(None, id="configured")]
+)
+def test_a_press_whose_force_is_no_longer_estimated_stops_where_it_was(wanted):
+    scene = scene_with()
+    if wanted is None:
+        reference = {
+            "kind": "path",
+            "path_m": [0.009, 0.0, 0.068],
+            "press_n": [0.05, 0, 0],
+            "press_s": BEGIN_S,
+        }
+        scene = with_changes(scene, controller=with_changes(scene.controller, reference=reference))
+    times, force, tips, last = run(scene, 3.6, wanted, Blind)
+    sees_s = Blind.blind_s[0] - BEGIN_S
+    before, after = times < sees_s, times > sees_s + 0.25
+    assert np.mean(force[before][-50:]) > 0.03
+    assert np.max(force[after]) < 0.06
+    assert np.max(np.linalg.norm(tips[after] - np.mean(tips[before][-50:], axis=0), axis=1)) < 2.5e-3
+    assert "no estimate of the force" in last.command.status.note
+
+
+def test_the_cap_bounds_again_after_some_time_without_an_estimate():
+    times, force, _, _ = run(scene_with(cap_n=0.04), 4.6, behind, Blind)
+    blind_s, sees_s = (t - BEGIN_S for t in Blind.blind_s)
+    assert np.max(force[(times > blind_s + 0.3) & (times < sees_s)]) < 0.043
+    assert np.max(force[times > sees_s]) < 0.1
+    assert np.max(force[times > sees_s + 1.2]) < 0.045
+
+
+def test_an_arm_whose_configured_press_cannot_be_stays_on_its_reference_and_says_why():
+    scene = scene_with(platform="emulated_canopen")
+    reference = with_changes(scene.controller.reference, press_n=(3.0, 0.0, 0.0), press_s=BEGIN_S)
+    scene = with_changes(scene, controller=with_changes(scene.controller, reference=reference))
+    _, force, tips, last = run(scene, 1.0, None)
+    assert "press: force" in last.command.status.note
+    assert "kPa" in last.command.status.note
+    assert not force.any()
+    assert np.linalg.norm(tips[-1] - last.command.tip_reference[:3, 3]) < 1e-3

@@ -116,8 +116,6 @@ KEPT = (
     Case("hanging, as its file", 0.005, lambda robot: robot, {**HANGING, **EMPTY}),
 )
 OPENING_S = (2.0, 4.0)
-# Longest probe of these arms.
-PROBE_S = 8.0
 SPANS = ("0 to 2 s", "2 to 4 s")
 
 
@@ -160,7 +158,7 @@ def kept_rows(options: Options) -> list[list[object]]:
             _, kept = opening(scene)
             again = with_changes(scene, seed=2, duration_s=OPENING_S[-1])
             control = with_changes(scene.controller, probe_at_enable="warn")
-            probed = with_changes(again, controller=control, duration_s=PROBE_S + OPENING_S[-1])
+            probed = with_changes(again, controller=control)
             found = [opening(one)[0] for one in (again, probed, again.with_learned(kept))]
         row = (f"{100 * value:.2f}" for pair in zip(*found, strict=True) for value in pair)
         rows.append([case.name, *row])

@@ -35,8 +35,8 @@ GAIN, SLOPE = (0.5, 1.5), (-6.0, 0.0)
 CREEP, CREEP_S, DAHL, DAHL_RANGE = (0.0, 0.2), (0.1, 2.0), (0.0, 0.5), (0.3, 1.5)
 TILT_DEG, PAYLOAD_KG, CURVATURE = (0.0, 3.0), (0.0, 0.02), (4.0, 8.0)
 MEAN_PA = 30e3
-# The law has at least 20 s behind the probe.
-DURATION_S, LAW_S = 28.0, 20.0
+# Time of the law behind the probe.
+LAW_S = 20.0
 # A chamber that is named is at least this far from the middle one.
 LEAST_APART = 0.1
 # What a probe finds that is wrong here; a tilt that it finds is at least so large.
@@ -141,7 +141,7 @@ def scene_of(arm: Drawn, number: int, folder: Path, known: bool = False) -> Scen
             "robot": plant if known else base,
             "twin.plant": plant,
             "twin.payload_kg": arm.payload_kg,
-            "duration_s": DURATION_S,
+            "duration_s": LAW_S,
             "controller.gains": "auto",
             "controller.probe_at_enable": "warn",
             "controller.reference.curvature_per_m": arm.curvature_per_m,
@@ -261,7 +261,7 @@ def written(found: Sequence[Judged]) -> str:
         f"{CREEP_S[0]:g} to {CREEP_S[1]:g} s; at order 0 a Dahl element of up to {DAHL[1]:.0%}, range "
         f"{DAHL_RANGE[0]:g} to {DAHL_RANGE[1]:g} 1/m; base tilted by up to {TILT_DEG[1]:g} degrees; up to "
         f"{1e3 * PAYLOAD_KG[1]:g} g; a circle of {CURVATURE[0]:g} to {CURVATURE[1]:g} 1/m about "
-        f"{1e-3 * MEAN_PA:g} kPa. `composite`, at least {LAW_S:g} s behind the probe, which is on by "
+        f"{1e-3 * MEAN_PA:g} kPa. `composite`, {LAW_S:g} s behind the probe, which is on by "
         f"default in real time; tip error RMS of the last {WINDOW_S:g} s. The probe is at `warn`: the law "
         "drives each arm (`soro enable --anyway`), and begins with the gains that the probe has measured. "
         "`refused` are those that the default, `refuse`, does not let begin: it names the cause instead.\n\n"

@@ -68,6 +68,8 @@ def twin_of(scene: Scene, plant: Robot | None = None) -> Twin:
 def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
     """Run the loop of a scene in lockstep; a command passes the limiter a tick after what it answers.
 
+    A probe comes before the time of the scene, as in real time.
+
     Parameters
     ----------
     scene : Scene
@@ -93,7 +95,8 @@ def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
     controlled, learned = controller.initial_state(), None
     due: Command | None = None
     answer: Command | None = None
-    for k in range(round(scene.duration_s * scene.rate_hz)):
+    ticks, k = round(scene.duration_s * scene.rate_hz), -1
+    while (k := k + 1) < ticks:
         if due is not None and due.status.ok:
             limiter.offer(due.setpoint_pa, (k - 1) * period_ns, k * period_ns, "controller")
         limiter.slew(k * period_ns)
@@ -128,6 +131,7 @@ def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
                 seen=places if controlled.probe is not None else [],
             )
             learned = answer.learned
+            ticks += controlled.probe is not None
         yield RunTick(1e-9 * ((k + 1 - (first or k + 1)) * period_ns), state, seen, estimate, answer)
         if controlled.probe is not None and controlled.probe.done:
             raise SoroError(f"controller: {controlled.probe.refusal}")

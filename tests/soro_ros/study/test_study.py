@@ -7,6 +7,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
 
@@ -17,7 +18,7 @@ from soro_ros.recordings.report import summarise
 from soro_ros.study.closed_loop import run_in_process
 from tests.patience import LIMIT_S
 from tests.soro_ros.running import SORO, child, wait_until
-from tests.soro_ros.study.short_study import FILE, soro, table, vary, write
+from tests.soro_ros.study.short_study import FILE, SCENE, soro, table, vary, write
 
 
 @pytest.fixture(scope="module")
@@ -194,3 +195,15 @@ def test_a_study_needs_no_ros():
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=4 * LIMIT_S)
     assert done.returncode == 0, done.stdout + done.stderr
     assert len(table()) == 8
+
+
+def test_the_time_of_a_run_in_one_process_counts_from_the_end_of_the_probe(tmp_path):
+    """As in real time; a run that ended earlier would be judged as lost."""
+    (tmp_path / "short.yaml").write_text(yaml.safe_dump(SCENE))
+    keys = {"mode": "lockstep", "duration_s": 0.6, "controller.probe_at_enable": "warn"}
+    scene = load_scene(str(tmp_path / "short.yaml"), keys)
+    recording, end = run_in_process(scene)
+    assert end.status == 0, end
+    assert recording.command.t[0] < -1.0  # the probe
+    assert abs(recording.wanted_tip.t[-1] - 0.6) < 0.02
+    assert np.isfinite(summarise(recording, scene).tip_error_last_rms_m)

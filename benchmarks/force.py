@@ -12,7 +12,8 @@ from benchmarks.report import met, table
 from soro_core import load_robot
 from soro_core.arrays import Array
 from soro_core.config import with_changes
-from soro_core.control import Controller, ControllerConfig, Hold
+from soro_core.control import Controller, ControllerConfig
+from soro_core.control.reference.trajectory import Hold
 from soro_core.estimation import Estimate, Estimator
 from soro_core.loop import Loop
 from tests.soro_core.loop.loop_harness import Harness, Setup

@@ -2,7 +2,7 @@
 
 A load that comes pulls along gravity and moves with the tip. Of all loads the one that explains the force
 best leaves a rest; where that is beyond its deviations for a while, it is a contact. What pulls along the
-backbone alone is neither: an error of stiffness, gain or damping looks the same, and the learner is to see it.
+backbone alone is neither: errors of stiffness, gain and damping look the same, and are to be learned.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
 """Stages of a contact: nothing, an outside force that may be a load, a contact, which no load explains.
 
 A load that comes pulls along gravity and moves with the tip. Of all loads the one that explains the force
-best leaves a rest; where that is beyond its deviations for a while, it is a contact.
+best leaves a rest; where that is beyond its deviations for a while, it is a contact. What pulls along the
+backbone alone is neither: errors of stiffness, gain and damping look the same, and are to be learned.
 """
 
 from __future__ import annotations
@@ -15,11 +16,14 @@ from soro_core.adaptation.external_force import Stage
 from soro_core.arrays import Array
 
 # Squares of the deviations (chi-square of 3 and of 2 components) of a force and of what no load explains,
-# beyond which they are there, and below which they have gone.
-_FORCE, _NO_FORCE = 11.3, 6.3
+# beyond which they are there, and below which they have gone. The first is that of five deviations: a learner
+# that is still on its way is more wrong than it knows, and stopping it for nothing costs more than 40 ms.
+_FORCE, _NO_FORCE = 25.0, 11.3
 _NO_LOAD, _A_LOAD = 11.8, 4.6
 # How long each must last [s]: a sample may be wrong, a new load swings, and the learner's low-pass remembers.
 _FORCE_S, _GONE_S, _NO_LOAD_S, _A_LOAD_S = 0.015, 0.4, 0.25, 0.3
+# How long a load must explain an outside force, from which on it is one [s].
+_LOAD_S = 0.2
 # Time of the mean of what is usual, and that after which what is neither a load nor a contact becomes usual
 # and is learned [s].
 _USUAL_S, _LEARNED_S = 1.0, 1.0
@@ -96,22 +100,29 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     # What the model misses while it learns comes and goes with the motion; a force from outside is new.
     size = _size(*fast)
     usual = state.usual
-    fast_size, slow_size = size / state.doubt, _size(*slow) / state.doubt
+    fast_size, slow_size = (
+        _size(force, _beside_weakest(force, state.doubt * covariance)) for force, covariance in (fast, slow)
+    )
     # A load that swings pulls aside by as much of its weight as its acceleration is of gravity.
     swing = max(
         math.exp(-dt / _SWING_S) * state.swing, acceleration / max(float(np.linalg.norm(gravity)), 1e-9)
     )
     aside = swing**2 * float(slow[0] @ slow[0]) * np.eye(3)
-    rest = _rest(slow[0], state.doubt * slow[1] + aside, gravity, load_kg)
+    told = slow[0], state.doubt * slow[1]
+    rest = _rest(told[0], told[1] + aside, gravity, load_kg)
     force_s = state.force_s + dt if fast_size > _FORCE else 0.0
     gone_s = state.gone_s + dt if fast_size < _FORCE and slow_size < _NO_FORCE else 0.0
     no_load_s = state.no_load_s + dt if rest > _NO_LOAD else 0.0
-    load_s = state.load_s + dt if rest < _A_LOAD else 0.0
+    # Without the doubt by the swing, in which everything is a load.
+    load_s = state.load_s + dt if _rest(*told, gravity, load_kg) < _A_LOAD else 0.0
     stage = state.stage
     if stage == "free" and force_s > _FORCE_S + 0.5 * dt:
-        stage, no_load_s = "outside force", 0.0
+        stage, no_load_s, load_s = "outside force", 0.0, 0.0
     elif stage != "free" and gone_s > _GONE_S:
         stage = "free"
+    elif stage == "outside force" and load_s > _LOAD_S:
+        # A load is learned with all else, and is usual at once: it is not to come again as a force.
+        stage, usual = "free", max(usual, size)
     elif stage == "outside force" and no_load_s > _NO_LOAD_S:
         stage = "contact"
     elif stage == "contact" and load_s > _A_LOAD_S:
@@ -125,6 +136,16 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
 def _size(force: Array, covariance: Array) -> float:
     """Return the square of a force in its deviations."""
     return float(force @ np.linalg.solve(covariance, force))
+
+
+def _beside_weakest(force: Array, covariance: Array) -> Array:
+    """Return the covariance with doubt of all of the force along the direction of the largest deviation.
+
+    The less that direction stands out, the less is added: with equal deviations, nothing.
+    """
+    variances, directions = np.linalg.eigh(covariance)
+    weakest, share = directions[:, -1], 1.0 - variances[-2] / variances[-1]
+    return np.asarray(covariance + share * float(weakest @ force) ** 2 * np.outer(weakest, weakest))
 
 
 def _rest(force: Array, covariance: Array, gravity: Array, load_kg: float) -> float:

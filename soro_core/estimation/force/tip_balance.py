@@ -25,6 +25,8 @@ from soro_core.robot.parts import fields
 
 # Newton steps of a first balance, and of one that follows another.
 _FIRST, _NEXT = 8, 1
+# Largest change of a strain, in units of q, by one step of Newton, at which this is near to the balance.
+_FAR = 0.4
 
 
 class Measured(NamedTuple):
@@ -126,7 +128,7 @@ class TipBalancer:
     def step(
         self, before: TipBalance | None, measured: Measured, theta: Array, s: float, q: Array
     ) -> TipBalance | None:
-        """Return the balance, None where there is none near.
+        """Return the balance, None where Newton's method finds none.
 
         Parameters
         ----------
@@ -146,5 +148,17 @@ class TipBalancer:
         out = np.empty((3, 3)), np.empty((3, n)), np.empty((3, n_u))
         sites = self._site(self.fine.length), self._site(min(max(s, 0.0), self.fine.length))
         steps = _FIRST if before is None else _NEXT
-        code = kernel.step(self._box, sites, (*measured, theta), steps, (x, force), out)
+        known = (*measured, theta)
+        code = kernel.step(self._box, sites, known, steps, (x, force), out)
+        if code == GOOD and before is not None and self._change(before.x, x) > _FAR:
+            code = kernel.step(self._box, sites, known, _FIRST, (x, force), out)
+            last = x.copy()
+            if code == GOOD:
+                code = kernel.step(self._box, sites, known, _NEXT, (x, force), out)
+            if self._change(last, x) > _FAR:
+                return None
         return TipBalance(x, force, *out) if code == GOOD else None
+
+    def _change(self, before: Array, after: Array) -> float:
+        """Return the largest change of a strain, in units of q."""
+        return float(np.abs((after - before) / (self.spread @ self.scales.q)).max())

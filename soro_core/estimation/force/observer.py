@@ -30,6 +30,8 @@ _MOST_PIECES = 8
 _GAIN_STD = 0.03
 # Time without a position of a place after which one further in is used [s].
 _PLACE_S = 0.25
+# Part of a new position in the mean of their scatter.
+_SCATTER_PART = 0.05
 
 
 class Seen(NamedTuple):
@@ -72,6 +74,10 @@ class ForceState(NamedTuple):
         Time since the low-pass began [s].
     interval_s : float
         Mean time between two positions [s].
+    scatter : float
+        Mean square of one coordinate of the noise of positions, as they show it [m^2].
+    step : ndarray (3,) or None
+        The last velocity between two positions [m/s].
     measured : Measured or None
         All behind the low-pass; None before the first position.
     q : ndarray (n_q,) or None
@@ -91,6 +97,8 @@ class ForceState(NamedTuple):
     place: float = 0.0
     passed_s: float = 0.0
     interval_s: float = 0.0
+    scatter: float = 0.0
+    step: Array | None = None
     measured: Measured | None = None
     q: Array | None = None
     balance: TipBalance | None = None
@@ -181,7 +189,7 @@ class ForceObserver:
         part = max(-math.expm1(-config.low_pass_per_s * dt), dt / (state.passed_s + dt) if dt > 0.0 else 1.0)
         slow = balance.force_n if state.force_n is None else state.force_n
         slow = slow + part * (balance.force_n - slow)
-        noise, doubt = self._noise(balance), self._doubt(balance, measured, learned)
+        noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned)
         fast_part, slow_part = (
             self._part(state, rate) for rate in (config.fast_per_s, config.low_pass_per_s)
         )
@@ -195,7 +203,8 @@ class ForceObserver:
         )
         stage = next_stage(state.stage, told, dt)
         held = None
-        if stage.stage != "free" and learned is not None:
+        # Before a law has said how well it knows the arm, in the probe say, what the model misses is no push.
+        if stage.stage != "free" and learned is not None and learned.doubt is not None:
             place = HeldPlace(measured.position, s, state.q, measured.pressure_pa, seen[-1].internal, slow)
             with contextlib.suppress(
                 ModelError, np.linalg.LinAlgError
@@ -219,16 +228,25 @@ class ForceObserver:
             q = state.q + part * (one.q - state.q)
             new = Measured(*(old + part * (x - old) for old, x in zip(state.measured, new, strict=True)))
         interval_s = state.interval_s + 0.1 * (dt - state.interval_s) if state.interval_s else dt
-        return state._replace(last=one, passed_s=passed_s, interval_s=interval_s, measured=new, q=q)
+        scatter, step = state.scatter, None
+        if before is not None:
+            step = (one.position - before.position) / dt
+            if state.step is not None:
+                # With even intervals the second difference of white noise has six times its variance.
+                found = float(np.mean(np.square(dt * (step - state.step)))) / 6.0
+                scatter += max(_SCATTER_PART, dt / passed_s) * (found - scatter)
+        return state._replace(
+            last=one, passed_s=passed_s, interval_s=interval_s, measured=new, q=q, scatter=scatter, step=step
+        )
 
     def _part(self, state: ForceState, rate: float) -> float:
         """Return how much of the variance of one position a low-pass of this rate [rad/s] leaves."""
         dt = state.interval_s
         return max(0.5 * rate * dt, dt / (state.passed_s + dt)) if dt > 0.0 else 1.0
 
-    def _noise(self, balance: TipBalance) -> Array:
+    def _noise(self, balance: TipBalance, state: ForceState) -> Array:
         """Return the covariance (3, 3) by the noise of one position and one set of pressures [N^2]."""
-        position = self.noise.position_m * balance.by_position
+        position = max(self.noise.position_m, math.sqrt(state.scatter)) * balance.by_position
         pressure = self.noise.pressure_pa * balance.by_pressure
         return np.asarray(position @ position.T + pressure @ pressure.T)
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from soro_core.arrays import Array
+from soro_core.config import with_changes
 from soro_core.integrate import OK, State, Status, make_stepper
 from soro_core.integrate.base_motion import base_rows, forces_on_base, moved
 from soro_core.model.discretised import discretised
@@ -44,7 +45,7 @@ def _with_pushes(robot: Robot, config: TwinConfig) -> Robot:
     if config.wall.stiffness:
         contacts = robot.contacts or Contacts()
         planes = (*contacts.planes, config.wall.plane)
-        robot = robot.replace(contacts=contacts.model_copy(update={"planes": planes}))
+        robot = robot.replace(contacts=with_changes(contacts, planes=planes))
     inner = (config.wrench.location * robot.length,) if config.wrench.location < 1.0 else ()
     places = (*robot.wrench_places, *inner)
     return robot.replace(wrench_places=(*places, robot.length)) if places else robot

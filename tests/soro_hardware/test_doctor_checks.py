@@ -76,7 +76,7 @@ def test_range_beside_rating_and_default_limits():
     )
     narrow = doctor.check_range(platform(range={"maximum_pa": 50e3}))
     assert (narrow.level, "90 kPa" in narrow.found) == ("warn", True)
-    assert narrow.do == "`limits: {maximum_pa: 50000}` in the scene"
+    assert narrow.do == "`limits: {maximum_pa: 50000}` in the scene (--scene looks there)"
     weak = doctor.check_range(platform(rating={"maximum_pa": 91e3}))
     assert weak.level == "warn"
     assert weak.do.startswith("in the scene, limits.over_pressure_pa: at most 95550")

@@ -36,8 +36,8 @@ from soro_core.robot.coordinates import StrainFields
 _TOUCH, _MOST_TOUCH_N, _LEAVES = 0.3, 0.015, 0.3
 # How far the reference of an approach may be ahead of the tip [m]: out of reach the tip does not follow.
 _MOST_AHEAD_M = 0.006
-# Part of the cap from which on the force is bounded.
-_NEAR = 0.5
+# Part of the cap from which on the force is bounded, and the most by which the loop stays below it.
+_NEAR, _MOST_BELOW = 0.5, 0.2
 # Deviations of an estimated force from which on it is one.
 _SURE = 3.0
 # Time constants [s]: of the tracked tip; of the push towards its goal; of the answer of arm and estimate.
@@ -273,7 +273,10 @@ class ForceLoop:
             if into > 0.0 and is_sure and near:
                 if state.phase != "contact":
                     state = self._touched(state, q, toward, force)
-                goal = min(into / self.stiffness.compliance(q, toward, self.k_p), cap)
+                # A cap is a bound of the true force: the estimate stays a deviation below it.
+                doubt = float(np.sqrt(toward @ felt.covariance @ toward))
+                most = cap - min(doubt, _MOST_BELOW * cap)
+                goal = min(into / self.stiffness.compliance(q, toward, self.k_p), most)
                 across = state.moved - (toward @ state.moved) * toward
                 back = _fade(across, self.config.follow_speed_m_s, dt)
                 return self._in_contact(state, _Contact(toward, goal, force), tip, back, dt, speed)

@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError, ModelError, SoroError
 from soro_core.jobs import Executor
 from soro_core.model import SoftArm
@@ -209,7 +210,7 @@ def identify(
     )
     std = scale_deviation(last.numbers, sure)
     if std is not None:
-        found = found.replace(calibration=found.calibration.model_copy(update={"gain_std": std}))
+        found = found.replace(calibration=with_changes(found.calibration, gain_std=std))
     interrupted = interrupted or solution.interrupted
     parts = tuple(fit), tuple(held)
     return ArmIdentification(

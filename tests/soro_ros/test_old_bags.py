@@ -1,4 +1,7 @@
-"""Bags of version 0.2 and before: arm/covariance and arm/learned began with their stamp, as two numbers."""
+"""Bags of version 0.2 and before: arm/covariance and arm/learned began with their stamp, as two numbers.
+
+Nothing in them had the force on the arm.
+"""
 
 import subprocess
 import sys
@@ -23,6 +26,7 @@ from tests.soro_ros.running import wait_until
 
 FOLDER = Path(__file__).parents[2] / "bags" / "two_links"
 OLD = "std_msgs/msg/Float64MultiArray"
+FORCE = ("*arm/wrench*", "*arm/covariance.effort*", "*arm/learned.velocity*", "*arm/learned.effort*")
 
 
 def old(message):
@@ -47,6 +51,7 @@ def before(tmp_path):
                     message = learning.from_array(deserialize_message(data, Float64MultiArray))
                 else:
                     message = deserialize_message(data, JointState)
+                    message.velocity, message.effort = [], []
                 today[item.topic].append(message)
                 data = bytes(serialize_message(old(message)))
             writer.write(item.topic, data, item.log_time_ns)
@@ -56,7 +61,7 @@ def before(tmp_path):
 
 def test_it_is_replayed_as_one_of_today(before):
     bag, _ = before
-    found = replay(bag, load_scene(FOLDER / "scene.yaml"))
+    found = replay(bag, load_scene(FOLDER / "scene.yaml"), ignore=FORCE)
     assert found.same, [str(topic.first) for topic in found.topics]
     compared = {topic.topic: topic.compared for topic in found.topics}
     assert all(compared[f"/two_links/{name}"] >= 200 for name in learning.TOPICS)

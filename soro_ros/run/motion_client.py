@@ -17,13 +17,15 @@ from soro_core.errors import ConfigError
 from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
 from soro_ros.host.services import ServiceCaller
-from soro_ros.topics.motion_job import MOVING, PLANNING, REACHED, REFUSED, STATUS, WRENCH
+from soro_ros.topics.motion_job import LOST, MOVING, PLANNING, REACHED, REFUSED, STATUS, WRENCH
 from soro_ros.topics.motion_topic import TOPIC
 
 _DESIRED = "arm/desired/tip"
 # Time between two lines of progress [s].
 _LINE_S = 1.0
 _POLL_S = 0.02
+# Time that the last message of a program has to arrive [s].
+_ARRIVES_S = 0.5
 _UPRIGHT = np.array([0.0, 0, 0, 1])
 
 
@@ -39,6 +41,11 @@ class Mover:
         Longest wait for an answer or a report [s].
     say : callable
         Takes a line of progress.
+
+    Attributes
+    ----------
+    ended : str
+        How the last motion has ended, as the controller has said; empty if it has not.
     """
 
     topic: ClassVar[str] = TOPIC
@@ -57,7 +64,7 @@ class Mover:
         self._tip: np.ndarray | None = None
         self._world = Frames().world
         self._reports: list[DiagnosticStatus] = []
-        self._stamp_ns = 0
+        self._stamp_ns, self.ended = 0, ""
         node, names = caller.node, self._namespace
         self._sender = node.create_publisher(self.kind, f"{names}/{self.topic}", qos.RELIABLE)
         node.create_subscription(DiagnosticStatus, f"{names}/{STATUS}", self._reports.append, qos.RELIABLE)
@@ -100,10 +107,7 @@ class Mover:
 
     def send(self, message: Any) -> int:
         """Send a message and wait for the end of its motion; return the exit status 0, 1 or 2."""
-        self._stamp_ns = self._caller.node.get_clock().now().nanoseconds
-        message.header.frame_id, message.header.stamp = self._world, messages.to_time(self._stamp_ns)
-        self._reports.clear()
-        self._sender.publish(message)
+        self._publish(message)
         heard, state, next_line = time.monotonic(), "", 0.0
         while time.monotonic() - heard < self._limit_s:
             self._caller.spin(_POLL_S)
@@ -111,6 +115,7 @@ class Mover:
                 heard = time.monotonic()
                 if report.name not in (PLANNING, MOVING):
                     self._say(_line(report.name, report.message, values))
+                    self.ended = report.name
                     return {REACHED: 0, REFUSED: 2}.get(report.name, 1)
                 if report.name != state or heard >= next_line:
                     state, next_line = report.name, heard + _LINE_S
@@ -120,6 +125,14 @@ class Mover:
                 return 1
         self._say(f"lost: no report of the controller on {STATUS} for {self._limit_s:g} s")
         return 1
+
+    def _publish(self, message: Any) -> None:
+        """Stamp and publish a message, from which on reports are those of its motion."""
+        self._stamp_ns = self._caller.node.get_clock().now().nanoseconds
+        message.header.frame_id, message.header.stamp = self._world, messages.to_time(self._stamp_ns)
+        self._reports.clear()
+        self.ended = ""
+        self._sender.publish(message)
 
     def _heard(self) -> Iterator[tuple[DiagnosticStatus, dict[str, str]]]:
         """Reports of the motion that was sent, with their values."""
@@ -163,14 +176,25 @@ class Presser(Mover):
     def press(self, force_n: np.ndarray, hold_s: float) -> int:
         """Press with a force (3,) [N], hold it for a time [s] and let go; return the exit status 0, 1 or 2.
 
-        What was lost or replaced is left as it is; Ctrl-C lets go.
+        A press that is lost, or interrupted by Ctrl-C, lets go; one that is replaced is another program's.
         """
         try:
             status = self.send(_wrench(force_n)) or self._hold(hold_s)
         except KeyboardInterrupt:
-            self._sender.publish(_wrench(np.zeros(3)))
+            self._let_go()
             raise
-        return status or self.send(_wrench(np.zeros(3)))
+        if status == 0:
+            return self.send(_wrench(np.zeros(3)))
+        if self.ended == LOST:
+            self._let_go()
+        return status
+
+    def _let_go(self) -> None:
+        """Ask to let go, and give the message time to arrive."""
+        self._publish(_wrench(np.zeros(3)))
+        until = time.monotonic() + _ARRIVES_S
+        while time.monotonic() < until and not any(True for _ in self._heard()):
+            self._caller.spin(_POLL_S)
 
     def _hold(self, hold_s: float) -> int:
         """Watch a force that is reached; return the exit status."""
@@ -179,6 +203,7 @@ class Presser(Mover):
             self._caller.spin(_POLL_S)
             for report, values in self._heard():
                 if report.name not in (MOVING, REACHED):
+                    self.ended = report.name
                     self._say(_line(report.name, report.message, values))
                     return 1
             if vented := self._vented():

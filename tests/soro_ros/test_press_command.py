@@ -35,15 +35,17 @@ def test_a_force_is_held_and_then_let_go(node):  # noqa: F811
 
 
 @pytest.mark.parametrize(("end", "status"), [("lost", 1), ("refused", 2), ("replaced", 1), ("vented", 1)])
-def test_the_exit_status_is_that_of_the_end(node, end, status):  # noqa: F811
+def test_the_exit_status_is_that_of_the_end_and_a_lost_press_lets_go(node, end, status):  # noqa: F811
     found, said, sent = pressed(node, ("moving", ""), (end, "why"))
-    assert (found, len(sent)) == (status, 1)
+    assert found == status
+    assert forces(sent) == [(0.0, 0.05, 0.0), *([(0.0, 0.0, 0.0)] if end == "lost" else [])]
     assert said[-1].startswith(f"{end}: why")
 
 
 def test_a_force_that_is_lost_while_it_is_held_is_status_1(node):  # noqa: F811
-    status, said, _ = pressed(node, ("reached", ""), ("lost", "the force is 0 mN"), hold_s=5.0)
+    status, said, sent = pressed(node, ("reached", ""), ("lost", "the force is 0 mN"), hold_s=5.0)
     assert (status, said[-1].split(",")[0]) == (1, "lost: the force is 0 mN")
+    assert forces(sent)[-1] == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -195,6 +195,9 @@ class GivenReferences:
         if config.cap_n and size > config.cap_n:
             allowed = f"at most the cap, {1e3 * config.cap_n:g} mN (force.cap_n)"
             raise ConfigError("press", "force", f"{1e3 * size:g} mN", allowed)
+        if size < (least := stiffness.friction(self.setpoints.pressures.play_pa)):
+            allowed = f"{1e3 * least:.1f} mN or more, the friction of the arm"
+            raise ConfigError("press", "force", f"{1e3 * size:g} mN", allowed)
         felt = state.force.felt
         if felt is None or state.following is None:
             raise ConfigError(

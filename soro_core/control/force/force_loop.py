@@ -62,7 +62,8 @@ class ForceLoopState:
     approach_s : float
         Time of the approach [s].
     is_beyond, is_unfelt : bool
-        Whether a press has stopped because the tip could not follow, or because its force was not estimated.
+        Whether a press has stopped because the tip could not follow; whether a press or a cap is without an
+        estimate of the force.
     refusal : str
         Why the configured press is refused; empty if it is not.
     tip, speed : ndarray (3,)
@@ -111,10 +112,11 @@ class ForceLoopState:
     @property
     def note(self) -> str:
         """What the user must know."""
+        if self.is_unfelt:
+            what = "the tip is stopped" if self.phase == "stopped" else "nothing keeps it below the cap"
+            return f"no estimate of the force: {what}"
         if self.phase != "stopped":
             return self.refusal
-        if self.is_unfelt:
-            return "no estimate of the force: the tip is stopped"
         where = "where the tip follows" if self.is_beyond else f"within {self.approach_s:.1f} s"
         return f"no contact {where}: the tip is stopped"
 
@@ -256,7 +258,8 @@ class ForceLoop:
     ) -> ForceLoopState:
         """Return the state under the cap, for a reference with the tip there at that speed."""
         cap = self.config.cap_n
-        if cap and state.felt is None:  # not back into what the tip may touch
+        state = replaced(state, is_unfelt=bool(cap) and state.felt is None)
+        if state.is_unfelt:  # not back into what the tip may touch
             return self._released(replaced(state, phase="", rate=np.zeros(3)), dt)
         back = _fade(state.moved, self.config.follow_speed_m_s, dt)
         if cap and state.felt is not None and state.tip is not None:

@@ -130,6 +130,8 @@ def test_forces_that_pressures_cannot_make_and_caps_below_the_friction_are_refus
         loop.controller.press(state.controller, [3.0, 0.0, 0.0])
     with refused("force", names=("finite", "1000 N")):
         loop.controller.press(state.controller, [1e200, 0.0, 0.0])  # whose square is infinite
+    with refused("force", got="1 mN", names=("friction",)):
+        loop.controller.press(state.controller, [1e-3, 0.0, 0.0])
     assert isinstance(loop.controller.press(state.controller, [0.1, 0.0, 0.0]), Press)
     capped = loop_of(scene_with(platform="emulated_canopen", cap_n=1e-4)).controller
     with refused("force.cap_n", names=("friction",)):
@@ -186,3 +188,10 @@ def test_an_arm_whose_configured_press_cannot_be_stays_on_its_reference_and_says
     assert "kPa" in last.command.status.note
     assert not force.any()
     assert np.linalg.norm(tips[-1] - last.command.tip_reference[:3, 3]) < 1e-3
+
+
+def test_a_cap_without_an_estimate_of_the_force_says_so():
+    scene = scene_with(cap_n=0.04)
+    scene = with_changes(scene, estimator=with_changes(scene.estimator, force={"enabled": False}))
+    last = run(scene, 0.1, None)[3]
+    assert "no estimate of the force: nothing keeps it below the cap" in last.command.status.note

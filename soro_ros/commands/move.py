@@ -136,7 +136,7 @@ def press(
 
     The tip goes along the direction from where it is wanted now, slowly, until it touches something, and then
     keeps the force along the direction; across it, it stays. The controller must estimate forces
-    (docs/motion.md): the tip is measured. `--tare`: only while nothing touches the arm.
+    (docs/force.md): the tip is measured. `--tare`: only while nothing touches the arm.
 
     Exit status 0: the force was held for the duration, and the tip is back. 1: the tip met nothing, the force
     was not reached or lost, or the press was replaced or vented. 2: it was refused before anything moved.

@@ -72,9 +72,10 @@ class KeptNumbers(Strict):
             raise ConfigError("learned", f"numbers.{odd[0]}", got, f"the {len(names)} numbers of this arm")
         values = np.array([self.numbers[name][0] * _is_of_arm(name) for name in names])
         for name, value, low, high in zip(names, values, lower, upper, strict=True):
-            if not low <= value <= high:
+            rounding = 1e-6 * (high - low)  # a file has fewer digits than a number at its bound
+            if not low - rounding <= value <= high + rounding:
                 raise ConfigError("learned", f"numbers.{name}", float(value), f"{low:g} to {high:g}")
-        return values
+        return np.asarray(np.clip(values, lower, upper))
 
     def require_robot(self, robot: Robot, where: str = "learned") -> None:
         """Refuse another robot, whose links are divided as in the model of the learner.

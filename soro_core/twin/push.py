@@ -67,15 +67,19 @@ class Wall(Strict):
     The twin shortens its steps until they resolve how the tip bounces on it.
     """
 
-    stiffness: float = Field(0.0, ge=0, description="normal force per depth at one point [N/m]; 0: no wall")
+    stiffness: float = Field(
+        0.0, ge=0, le=1e7, description="normal force per depth at one point [N/m]; 0: no wall"
+    )
     point: Vector3 = Field(_NONE, description="a point of its surface before it moves, in the world [m]")
     normal: Vector3 = Field((0.0, 0.0, 1.0), description="direction out of it, in the world")
-    damping: float = Field(0.0, ge=0, description="as of a plane of a robot file [s/m]")
-    friction: float = Field(0.0, ge=0, description="coefficient of Coulomb's friction")
-    slip_velocity: float = Field(1e-3, gt=0, description="as of a plane of a robot file [m/s]")
+    damping: float = Field(0.0, ge=0, le=1e3, description="as of a plane of a robot file [s/m]")
+    friction: float = Field(0.0, ge=0, le=100, description="coefficient of Coulomb's friction")
+    slip_velocity: float = Field(1e-3, gt=0, le=10, description="as of a plane of a robot file [m/s]")
     velocity_m_s: Vector3 = Field(_NONE, description="velocity while it moves, in the world [m/s]")
-    from_s: float = Field(0.0, ge=0, description="time after the begin of control when it begins to move")
-    to_s: float = Field(86400.0, ge=0, description="time after the begin of control when it stops")
+    from_s: float = Field(
+        0.0, ge=0, le=86400, description="time after the begin of control when it begins to move"
+    )
+    to_s: float = Field(86400.0, ge=0, le=86400, description="time after the begin of control when it stops")
 
     @model_validator(mode="after")
     def _possible(self) -> Wall:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -25,6 +25,10 @@ _LATE = {
     "stale_reading": "stale_s and stale_cycles of the platform file; a scene without valves has none, "
     "--set platform=",
 }
+
+_DEACTIVATED = "deactivated"
+# Time that a report of a node may be late on a busy machine [s].
+_ARRIVES_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -60,18 +64,18 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
     -------
     Verdict
     """
-    said = dict(end.said)
+    said = later = dict(end.said)
     if recording is not None:
         end_s = min(scene.duration_s, _trip_s(recording))
         if end.status == 0 and summary is not None:  # before a trip commands may have ended for the reason
             end_s = min(end_s, summary.duration_s)
-        said = warnings_at(recording.said, end_s)
+        said, later = (warnings_at(recording.said, end_s + wait_s) for wait_s in (0.0, _ARRIVES_S))
     if end.status == 2:
         found = Verdict("refused", end.error)
     elif not end.has_begun:
         found = Verdict("vented", f"nothing has moved, the run never began: {end.error or 'interrupted'}")
     elif end.status != 0 or (summary is not None and summary.faults):
-        found = Verdict("vented", _why_vented(summary, end, said))
+        found = Verdict("vented", _why_vented(summary, end, (said, later)))
     elif end.recording_failure:
         found = Verdict("lost", f"not judged, because the recording has no end: {end.recording_failure}")
     elif recording is not None and not recording.wanted_tip.t.size:  # it comes with each command of the law
@@ -127,11 +131,16 @@ def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | N
     return Verdict("lost" if lost else "poor", reason)
 
 
-def _why_vented(summary: Summary | None, end: End, said: Mapping[str, str]) -> str:
-    """Return the first cause of a vent: what ended the commands says it, not the limiter that missed them."""
+def _why_vented(summary: Summary | None, end: End, warnings: Sequence[Mapping[str, str]]) -> str:
+    """Return the first cause of a vent: what ended the commands says it, not the limiter that missed them.
+
+    On a busy machine it may arrive behind the trip: `warnings` are those at the trip and those soon after.
+    """
     trips = "; ".join(summary.faults) if summary is not None else ""
     if _NO_COMMANDS in (trips or end.error):
-        why = end_of_commands(said.get("controller", ""), said.get("estimator", ""))
+        ends = (end_of_commands(said.get("controller", ""), said.get("estimator", "")) for said in warnings)
+        # A run that a trip ends is deactivated, and says so.
+        why = next((why for why in ends if why and not why.endswith(_DEACTIVATED)), "")
         return why or (end.error if _NO_COMMANDS not in end.error else "") or trips or end.error
     return trips or end.error or "interrupted"
 

@@ -331,6 +331,14 @@ def test_what_ended_the_commands_is_the_reason_of_a_vent(said, reason):
     assert vented(*said) == reason
 
 
+def test_what_ended_the_commands_may_arrive_behind_the_trip():
+    recording = recorded(STEADY, events=(Event(8.0, "trip", "regulator", TRIP),))
+    late = NodeStatus(8.05, "controller", 1, "no command: law mine: division by zero")
+    recording = replace(recording, said=(late,), faults=(TRIP,))
+    found = judge(report.summarise(recording, SCENE), SCENE, End(1, TRIP), recording)
+    assert found.reason == "controller: no command: law mine: division by zero"
+
+
 def test_a_node_that_ended_is_the_reason_of_a_vent():
     assert vented(failure="controller ended with status -9") == "controller ended with status -9"
     leak = "regulator: vented: leak: link0/chamber0"

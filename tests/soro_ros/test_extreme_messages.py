@@ -18,6 +18,7 @@ from std_msgs.msg import Float64MultiArray
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
 from soro_core.adaptation import Learned
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.control.laws import Certainty
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
@@ -28,7 +29,7 @@ from soro_lab.scene import (
     ExciterNodeConfig,
     MarkersConfig,
 )
-from soro_ros.conversion import learning, messages
+from soro_ros.conversion import force, learning, messages
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.exciter import ExciterNode
@@ -262,6 +263,9 @@ def latch(stamp_ns):
     return DiagnosticStatus(level=b"\2", message="vented", values=[KeyValue(key="latched", value="true")])
 
 
+FELT = ExternalForce(np.array([0.05, 0.0, 0.0]), 1e-6 * np.eye(3), "free", True)
+
+
 def drawn_messages():
     pose = messages.pose_stamped(np.eye(4), TICK_NS, "world")
     tip = PoseWithCovarianceStamped(header=pose.header)
@@ -271,6 +275,8 @@ def drawn_messages():
         "arm/backbone": backbone,
         "arm/tip": tip,
         "arm/desired/tip": pose,
+        "arm/wrench": force.wrench(FELT.force_n, TICK_NS, "world"),
+        "arm/wrench/covariance": force.covariance(FELT, TICK_NS),
         "chambers/state": pressures(WARM, TICK_NS),
         "chambers/latch": latch(0),
         "/diagnostics": DiagnosticArray(header=pose.header, status=[latch(0)]),

@@ -14,9 +14,12 @@ import numpy as np
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
+from soro_core.errors import ModelError
 
 # Part of a unit of q for the difference quotient of a force.
 _STEP = 1e-5
+# Largest way from the estimated coordinates, in their units.
+_FAR = 3.0
 
 
 class TipHold(NamedTuple):
@@ -91,6 +94,8 @@ def hold(
         pose, jacobian = arm.pose_and_jacobian(q, seen.s)
         columns = pose[:3, :3] @ jacobian[3:] * scales.q
         q = q + scales.q * np.linalg.lstsq(columns, seen.position - pose[:3, 3], rcond=None)[0]
+    if not np.all(np.abs(q - seen.q) < _FAR * scales.q):  # what is not finite is not less
+        raise ModelError(f"no coordinates near {seen.q} have the place at {seen.position} m")
     qd = np.zeros(arm.n_q) if before is None or dt <= 0.0 else (q - before.q) / dt
     asked = arm.gravity_force(q) + arm.elastic_force(q) + arm.damping_force(q, qd)
     asked = asked + arm.internal_force(q, seen.internal) + force.force(learned, q, qd, np.zeros(arm.n_q))

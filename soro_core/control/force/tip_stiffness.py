@@ -10,7 +10,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.model import SoftArm
 
-# Pieces of a link that a force at the tip bends non-uniformly, as in the estimate of the force.
+# Pieces of a link that a force at the tip bends non-uniformly.
 _PIECES = 4
 # Increment of strain for difference quotients.
 _STEP = 1e-6

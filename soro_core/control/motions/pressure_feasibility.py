@@ -298,7 +298,8 @@ def nearest_held(
         if missed < best and pressure_deficit(supply, q) is None:
             best, best_q, best_pa, damping = missed, q, pressure, 0.3 * damping
             stiffness, away = _stiffness(supply, q, pressure), position - pose[:3, 3]
-            slope = jacobian[3:] @ np.linalg.lstsq(stiffness, supply.actuation(q), rcond=None)[0]
+            by_pressure = np.linalg.lstsq(stiffness, supply.actuation(q), rcond=None)[0]
+            slope = pose[:3, :3] @ jacobian[3:] @ by_pressure
         elif best_q is None:
             return None
         else:

@@ -54,8 +54,6 @@ class ForceLoopState:
         Tracked position and velocity of the tip [m, m/s]; `tip` is None where it is not tracked.
     toward : ndarray (3,)
         Direction of the push.
-    aside : ndarray (3,)
-        Force across the direction of a press, as it is known by now [N].
     pressed_n : float
         Force along the direction of a press [N].
     by_common : ndarray (3, n_links)
@@ -84,7 +82,6 @@ class ForceLoopState:
     tip: Array | None = None
     speed: Array = field(default_factory=_zero)
     toward: Array = field(default_factory=_zero)
-    aside: Array = field(default_factory=_zero)
     pressed_n: float = 0.0
     by_common: Array = field(default_factory=lambda: np.zeros((3, 0)))
     scale: float = 1.0

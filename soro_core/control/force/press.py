@@ -11,9 +11,8 @@ from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 from soro_core.control.reference.trajectory import Hold, Point, Reference
 
-# Deviations of a force, as parts of the wanted one: along the direction, where any may come, across it, and
-# across it in the mean of some time.
-_ALONG, _ACROSS, _SLOW_ACROSS = 30.0, 0.5, 1.0
+# Deviations of a force, as parts of the wanted one: along the direction, where any may come, and across it.
+_ALONG, _ACROSS = 30.0, 0.5
 
 
 @dataclass(frozen=True)
@@ -46,27 +45,15 @@ class Press(Reference):
         """Return where it begins, at rest."""
         return Hold(self.q).sample(t)
 
-    def pressed_n(self, felt: ExternalForce, aside: Array) -> tuple[float, Array]:
-        """Return the most likely force along the direction [N], and that across it, with an estimated one.
+    def pressed_n(self, felt: ExternalForce) -> float:
+        """Return the force along the direction [N] that is most likely, with an estimated force on the arm.
 
         What pushes back does so within a cone about the direction. The estimate is very doubtful along the
         backbone, and without the cone that doubt would reach every direction that is not square to it.
-
-        Parameters
-        ----------
-        felt : ExternalForce
-            On the arm.
-        aside : ndarray (3,)
-            The force across, as it is known by now [N]; the one that is returned does not depend on it.
         """
-        along, push = np.outer(self.direction, self.direction), self.zero_n - felt.force_n
-        beside = np.eye(3) - along
-
-        def likely(mean: Array, spread: float) -> Array:
-            cone = self.force_n**2 * (_ALONG**2 * along + spread**2 * beside)
-            return mean + likely_force(push - mean, felt.covariance, cone)
-
-        return float(self.direction @ likely(aside, _ACROSS)), beside @ likely(np.zeros(3), _SLOW_ACROSS)
+        along = np.outer(self.direction, self.direction)
+        cone = self.force_n**2 * (_ALONG**2 * along + _ACROSS**2 * (np.eye(3) - along))
+        return -float(self.direction @ likely_force(felt.force_n - self.zero_n, felt.covariance, cone))
 
     def is_repeated_by(self, other: Reference, t: float) -> bool:
         """Whether `other` presses alike from the same place."""

@@ -17,8 +17,6 @@ from soro_core.frozen import replaced
 _TOUCH, _MOST_TOUCH_N, _LEAVES = 0.3, 0.015, 0.3
 # How far the reference of an approach may be ahead of the tip [m]: out of reach the tip does not follow.
 _MOST_AHEAD_M = 0.006
-# Time in which the force across the direction is learned [s].
-_ASIDE_S = 0.7
 
 
 def asked(state: ForceLoopState, wanted: Reference, given: Reference | None, dt: float) -> ForceLoopState:
@@ -49,7 +47,7 @@ def asked(state: ForceLoopState, wanted: Reference, given: Reference | None, dt:
         state = replaced(state, phase="approach")
     else:
         return state
-    return replaced(state, approach_s=0.0, is_unfelt=False, is_beyond=False, aside=np.zeros(3))
+    return replaced(state, approach_s=0.0, is_unfelt=False, is_beyond=False)
 
 
 def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt: float) -> ForceLoopState:
@@ -70,18 +68,17 @@ def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt
         state = replaced(state, phase="stopped", is_unfelt=True)
     if state.felt is None or state.phase == "stopped":
         return replaced(state, rate=np.zeros(3)).released(dt)
-    force, aside = press.pressed_n(state.felt, state.aside)
+    force = press.pressed_n(state.felt)
     goal = min(press.force_n, config.cap_n or np.inf)
     touch = min(_TOUCH * goal, _MOST_TOUCH_N)
     back = fade(across(state.moved, direction), config.approach_speed_m_s, dt)
     if force > (_LEAVES * touch if state.phase == "contact" else touch):
         if state.phase != "contact":
             state = push.touched(state, press.q, direction, force)
-        aside = state.aside + dt / _ASIDE_S * (aside - state.aside)
-        state = replaced(state, pressed_n=force, aside=aside, toward=direction)
+        state = replaced(state, pressed_n=force, toward=direction)
         return push.pushed(state, goal, force, tip, np.zeros(3), 0.0, dt)
     approach_s = state.approach_s + dt if state.phase == "approach" else 0.0
-    state = replaced(state, phase="approach", approach_s=approach_s, pressed_n=force, aside=np.zeros(3))
+    state = replaced(state, phase="approach", approach_s=approach_s, pressed_n=force)
     state = state.released(dt)
     assert state.tip is not None
     is_beyond = float(direction @ (tip + state.moved - state.tip)) > _MOST_AHEAD_M

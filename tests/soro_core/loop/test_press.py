@@ -105,11 +105,6 @@ def test_a_press_follows_a_wall_that_moves():
     assert np.max(error[times > span_s[1] + 1.0]) < 4.5e-3
 
 
-def test_the_direction_of_what_pushes_back_is_learned():
-    times, force, _, _ = run(scene_with(tilt_deg=30.0), 4.5, pressing(0.05))
-    assert abs(np.mean(force[times > 2.5]) - 0.05) < 4.5e-3
-
-
 def test_a_load_does_not_fell_the_arm_under_a_cap():
     scene = scene_with(cap_n=0.1)
     far = with_changes(scene.twin.wall, point=(0.5, 0.0, 0.0))

@@ -34,8 +34,9 @@ from soro_core.frozen import replaced
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
 
-# Time constant of the tracked tip, and age of the measured one, which is behind a low-pass [s].
-_TRACK_S, _SEEN_S = 0.15, 0.05
+# Time constant of the tracked tip where that is measured, and where it is the filter's; age of the measured
+# one, which is behind a low-pass [s].
+_TRACK_S, _TRACK_FILTER_S, _SEEN_S = 0.15, 0.5, 0.05
 # Longest time without an estimate for which reference and push stay as they are [s].
 _GAP_S = 0.25
 
@@ -152,12 +153,13 @@ class ForceLoop:
     def _tracked(self, state: ForceLoopState, q: Array, qd: Array, dt: float) -> ForceLoopState:
         """Return the state with the tip tracked, without lag at constant speed; a filter's are noisy."""
         tip, speed, _ = self._tip(q, qd)
+        track_s = _TRACK_FILTER_S
         if state.felt is not None and state.felt.tip is not None:
             # That of the filter goes with the pressures: the reference would follow what it has caused.
-            tip = state.felt.tip + _SEEN_S * state.speed
+            tip, track_s = state.felt.tip + _SEEN_S * state.speed, _TRACK_S
         if state.tip is None:
             return replaced(state, tip=tip, speed=speed)
-        part = 1.0 - float(np.exp(-dt / _TRACK_S))
+        part = 1.0 - float(np.exp(-dt / track_s))
         expected = state.tip + dt * state.speed
         off = tip - expected
         return replaced(

@@ -20,6 +20,8 @@ from soro_core.frozen import replaced
 _NEAR, _LEAVES, _MOST_BELOW = 0.5, 0.3, 0.2
 # Deviations of an estimated force from which on it is one.
 _SURE = 3.0
+# Time in which the direction of the push follows that of the force [s].
+_TURN_S = 0.5
 # How many times better a load must explain a force for it to be one: at the begin, and once the cap acts.
 _LOAD, _LATE_LOAD = 1.0, 4.0
 
@@ -53,7 +55,9 @@ def capped(
         force = max(float(np.linalg.norm(likely)), 1e-9)
         toward = -likely / force
         if was_contact:  # the direction of a noisy force would turn the reference
-            toward, force = state.toward, float(-state.toward @ likely)
+            toward = state.toward + min(dt / _TURN_S, 1.0) * (toward - state.toward)
+            toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
+            force = float(-toward @ likely)
         doubt = float(np.sqrt(toward @ felt.covariance @ toward))
         into = float(toward @ (tip - state.tip))
         is_sure = felt.stage != "free" or force > _SURE * doubt
@@ -62,6 +66,7 @@ def capped(
         if into > 0.0 and is_sure and near and not _is_load(felt, push.stiffness.arm.tables.gravity, better):
             if not was_contact:
                 state = push.touched(state, point.q, toward, force)
+            state = replaced(state, toward=toward)
             # A cap is a bound of the true force: the estimate stays a deviation below it.
             most = cap - min(doubt, _MOST_BELOW * cap)
             goal = min(into / push.stiffness.compliance(point.q, toward, k_p), most)

@@ -93,23 +93,26 @@ def serve(asked: socket.socket, parent: int) -> Request | None:
     """
     gc.collect()
     gc.freeze()  # what is shared stays shared
-    while True:
-        message, descriptors, _, _ = socket.recv_fds(asked, _LONGEST, 2)
-        if not message:
-            return None
-        if message.startswith(WARM):
-            warm(message.removeprefix(WARM).decode())
-            asked.send(b"warm")
-            continue
-        between = os.fork()
-        if between == 0:
-            between = os.getpid()
-            if os.fork() > 0:
-                os._exit(0)  # the parent adopts the other one
-            return _begin(Request(**json.loads(message)), asked, descriptors, parent, between)
-        os.waitpid(between, 0)
-        for descriptor in descriptors:
-            os.close(descriptor)
+    with contextlib.suppress(ConnectionError):  # the program that asks has ended
+        asked.send(b"ready")
+        while True:
+            message, descriptors, _, _ = socket.recv_fds(asked, _LONGEST, 2)
+            if not message:
+                return None
+            if message.startswith(WARM):
+                warm(message.removeprefix(WARM).decode())
+                asked.send(b"warm")
+                continue
+            between = os.fork()
+            if between == 0:
+                between = os.getpid()
+                if os.fork() > 0:
+                    os._exit(0)  # the parent adopts the other one
+                return _begin(Request(**json.loads(message)), asked, descriptors, parent, between)
+            os.waitpid(between, 0)
+            for descriptor in descriptors:
+                os.close(descriptor)
+    return None
 
 
 def _begin(
@@ -191,7 +194,6 @@ def main() -> None:
     asked = socket.socket(fileno=int(sys.argv[1]))
     for module in MODULES:
         importlib.import_module(module)
-    asked.send(b"ready")
     if request := serve(asked, parent):
         run(request)
 

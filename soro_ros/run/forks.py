@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
@@ -54,7 +55,8 @@ class ForkServer:
 
     def warm(self, scene_file: Path) -> None:
         """Load the kernels of a scene; `has_answered` then."""
-        self._socket.send(fork_server.WARM + str(scene_file.resolve()).encode())
+        with contextlib.suppress(ConnectionError):  # `has_answered` says why
+            self._socket.send(fork_server.WARM + str(scene_file.resolve()).encode())
 
     def has_answered(self) -> bool:
         """Whether it has done what it was asked for last, first its imports.
@@ -77,7 +79,7 @@ class ForkServer:
             If the server has ended, or does not answer.
         """
         request = Request(command[2], command[3:], priority, "" if pipe is None else pulse.VARIABLE)
-        with processes.log_of(name, folder).open("wb") as sink:
+        with processes.log_of(name, folder).open("wb") as sink, contextlib.suppress(ConnectionError):
             passed = [sink.fileno(), *([] if pipe is None else [pipe])]
             socket.send_fds(self._socket, [json.dumps(request._asdict()).encode()], passed)
         self._socket.settimeout(FORK_LIMIT_S)
@@ -93,6 +95,8 @@ class ForkServer:
             answer = self._socket.recv(100)
         except BlockingIOError:
             return b""
+        except ConnectionError:
+            answer = b""
         except TimeoutError:
             raise SoroError(f"the fork server does not answer for {FORK_LIMIT_S:g} s") from None
         if not answer:

@@ -75,7 +75,6 @@ def main() -> None:
     fork_server.warm("track_circle")
     for module in (*fork_server.MODULES, "soro_ros.cli", "soro_ros.commands.run", "soro_ros.run.compose"):
         __import__(module)
-    asked.send(b"ready")
     request = fork_server.serve(asked, parent)
     if request is None:
         return
@@ -106,7 +105,6 @@ def _fork_server_beside() -> None:
     ours.close()
     fork_server.prepare(parent)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    theirs.send(b"ready")
     if request := fork_server.serve(theirs, parent):
         fork_server.run(request)
     os._exit(0)

@@ -20,6 +20,7 @@ import sys
 import threading
 import time
 import traceback
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -71,9 +72,14 @@ def prepare(parent: int, priority: int = 0) -> None:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 
 
-def adopt(wanted: bool) -> None:
-    """Become the parent of what those below fork and leave, or not any more."""
-    _PRCTL(_PR_SET_CHILD_SUBREAPER, int(wanted))
+@contextlib.contextmanager
+def adopting() -> Iterator[None]:
+    """Be the parent of what those below fork and leave; not longer: other orphans are not waited for."""
+    _PRCTL(_PR_SET_CHILD_SUBREAPER, 1)
+    try:
+        yield
+    finally:
+        _PRCTL(_PR_SET_CHILD_SUBREAPER, 0)
 
 
 def serve(asked: socket.socket, parent: int) -> Request | None:

@@ -31,7 +31,6 @@ class ForkServer:
     """
 
     def __init__(self, folder: Path) -> None:
-        fork_server.adopt(True)
         self._child: Child | None = None
         if given := os.environ.pop(VARIABLE, ""):
             self._socket = socket.socket(fileno=int(given))
@@ -51,7 +50,6 @@ class ForkServer:
         if self._child is not None:
             self._child.process.terminate()  # it may compile
             self._child.process.wait()
-        fork_server.adopt(False)
 
     def warm(self, scene_file: Path) -> None:
         """Load the kernels of a scene; `has_answered` then."""
@@ -79,14 +77,14 @@ class ForkServer:
             If the server has ended, or does not answer.
         """
         request = Request(command[2], command[3:], priority, "" if pipe is None else pulse.VARIABLE)
-        with processes.log_of(name, folder).open("wb") as sink, contextlib.suppress(ConnectionError):
-            passed = [sink.fileno(), *([] if pipe is None else [pipe])]
-            socket.send_fds(self._socket, [json.dumps(request._asdict()).encode()], passed)
+        sink = processes.log_of(name, folder).open("wb")
         self._socket.settimeout(FORK_LIMIT_S)
-        try:
+        with sink, fork_server.adopting():
+            passed = [sink.fileno(), *([] if pipe is None else [pipe])]
+            with contextlib.suppress(ConnectionError):  # the answer says why
+                socket.send_fds(self._socket, [json.dumps(request._asdict()).encode()], passed)
             pid = int(self._answer())
-        finally:
-            self._socket.setblocking(False)
+        self._socket.setblocking(False)
         return Child(name, ForkedProcess(pid), processes.log_of(name, folder))
 
     def _answer(self) -> bytes:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from soro_ros.run import fork_server, forks
-from soro_ros.run.fork_server import Request
+from soro_ros.run.fork_server import ForkRequest
 
 _STDERR = "TESTS_STDERR"
 # What a forked Python has taken from its environment before.
@@ -47,7 +47,7 @@ class Popen(subprocess.Popen):  # type: ignore[type-arg]
             super()._execute_child(args, *rest)  # type: ignore[misc]
             return
         what = {"environment": own, "folder": str(folder or Path.cwd())}
-        request = Request("tests.warm", [json.dumps(what), *command[2:]], pipe=_STDERR)
+        request = ForkRequest("tests.warm", [json.dumps(what), *command[2:]], pipe=_STDERR)
         self.pid = _fork(
             package, request, [rest[12] if rest[12] != -1 else 1, rest[14] if rest[14] != -1 else 2]
         )
@@ -65,7 +65,7 @@ def completed(command: list[str], limit_s: float, **options: Any) -> subprocess.
     return subprocess.CompletedProcess(command, process.returncode, out, err)
 
 
-def _fork(package: str, request: Request, descriptors: list[int]) -> int:
+def _fork(package: str, request: ForkRequest, descriptors: list[int]) -> int:
     if package not in _servers:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = [sys.executable, "-m", "tests.warm", str(theirs.fileno()), package, "-" * fork_server.TITLE]
@@ -110,7 +110,7 @@ def main() -> None:
     if module == "soro_ros.cli":
         _fork_server_beside()
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    fork_server.run(Request(module, arguments))
+    fork_server.run(ForkRequest(module, arguments))
 
 
 def _fork_server_beside() -> None:

@@ -37,7 +37,7 @@ MODULES = (
 )
 
 
-class Request(NamedTuple):
+class ForkRequest(NamedTuple):
     """A process to fork.
 
     Attributes
@@ -82,7 +82,7 @@ def adopting() -> Iterator[None]:
         _PRCTL(_PR_SET_CHILD_SUBREAPER, 0)
 
 
-def serve(asked: socket.socket, parent: int) -> Request | None:
+def serve(asked: socket.socket, parent: int) -> ForkRequest | None:
     """Fork a process for each request; returns in each of them, and at the end of the program that asks.
 
     Parameters
@@ -94,7 +94,7 @@ def serve(asked: socket.socket, parent: int) -> Request | None:
 
     Returns
     -------
-    Request or None
+    ForkRequest or None
         What the forked process is to do; None at the end of the server.
     """
     gc.collect()
@@ -114,7 +114,7 @@ def serve(asked: socket.socket, parent: int) -> Request | None:
                 between = os.getpid()
                 if os.fork() > 0:
                     os._exit(0)  # the parent adopts the other one
-                return _begin(Request(**json.loads(message)), asked, descriptors, parent, between)
+                return _begin(ForkRequest(**json.loads(message)), asked, descriptors, parent, between)
             os.waitpid(between, 0)
             for descriptor in descriptors:
                 os.close(descriptor)
@@ -122,8 +122,8 @@ def serve(asked: socket.socket, parent: int) -> Request | None:
 
 
 def _begin(
-    request: Request, asked: socket.socket, descriptors: list[int], parent: int, between: int
-) -> Request:
+    request: ForkRequest, asked: socket.socket, descriptors: list[int], parent: int, between: int
+) -> ForkRequest:
     """Make a forked process what a started one would be."""
     os.setsid()
     while os.getppid() == between:
@@ -170,7 +170,7 @@ def warm(file: str) -> None:
     gc.freeze()
 
 
-def run(request: Request) -> NoReturn:
+def run(request: ForkRequest) -> NoReturn:
     """Run what a process was forked for, and end it, as `multiprocessing` ends its forks.
 
     To take down what it shares with the server, object by object, would copy all of it.

@@ -12,7 +12,7 @@ from pathlib import Path
 from soro_core.errors import SoroError
 from soro_ros.host import pulse
 from soro_ros.run import fork_server, processes
-from soro_ros.run.fork_server import Request
+from soro_ros.run.fork_server import ForkRequest
 from soro_ros.run.processes import Child, ForkedProcess
 
 # Longest wait for a fork [s]: a server that is ready answers at once.
@@ -52,7 +52,12 @@ class ForkServer:
             self._child.process.wait()
 
     def warm(self, scene_file: Path) -> None:
-        """Load the kernels of a scene; `has_answered` then."""
+        """Have it load the kernels of a scene, or compile them; it `has_answered` then.
+
+        Parameters
+        ----------
+        scene_file : Path
+        """
         with contextlib.suppress(ConnectionError):  # `has_answered` says why
             self._socket.send(fork_server.WARM + str(scene_file.resolve()).encode())
 
@@ -69,14 +74,27 @@ class ForkServer:
     def start(
         self, name: str, command: list[str], folder: Path, priority: int = 0, pipe: int | None = None
     ) -> Child:
-        """Start a process as `processes.start` does; its command is ``python -m MODULE ...``.
+        """Start a process as `processes.start` does.
+
+        Parameters
+        ----------
+        name : str
+            Name of the process.
+        command : list of str
+            Its command line, ``python -m MODULE ...``.
+        folder : Path
+            Folder of the run.
+        priority : int
+            Above 0: priority of the scheduler SCHED_FIFO.
+        pipe : int, optional
+            Pipe of `pulse.Pulse`, for a process that listens to this one.
 
         Raises
         ------
         SoroError
             If the server has ended, or does not answer.
         """
-        request = Request(command[2], command[3:], priority, "" if pipe is None else pulse.VARIABLE)
+        request = ForkRequest(command[2], command[3:], priority, "" if pipe is None else pulse.VARIABLE)
         sink = processes.log_of(name, folder).open("wb")
         self._socket.settimeout(FORK_LIMIT_S)
         with sink, fork_server.adopting():

@@ -22,6 +22,7 @@ from soro_ros.run.fork_server import ForkRequest
 _STDERR = "TESTS_STDERR"
 # What a forked Python has taken from its environment before.
 _FIXED = ("PYTHON", "XDG_CACHE_HOME", "NUMBA", "OPENBLAS")
+_environment = dict(os.environ)  # a test may change it
 # What a server imports, by the package of the programs that it forks.
 _IMPORTS = {
     "soro_hardware": ("soro_hardware.emulation.__main__",),
@@ -37,8 +38,8 @@ class Popen(subprocess.Popen):  # type: ignore[type-arg]
         executable, prepare, _, descriptors, folder, environment, _, _, shell = rest[:9]
         command = [str(part) for part in args]
         own = dict(os.environ if environment is None else environment)
-        fixed = {name for name in {*own, *os.environ} if name.startswith(_FIXED)}
-        is_own = any(own.get(name) != os.environ.get(name) for name in fixed)
+        fixed = {name for name in {*own, *_environment} if name.startswith(_FIXED)}
+        is_own = any(own.get(name) != _environment.get(name) for name in fixed)
         asks = (
             executable or prepare or descriptors or shell or rest[9] != -1 or rest[20] or rest[21:] != (-1,)
         )
@@ -70,7 +71,7 @@ def _fork(package: str, request: ForkRequest, descriptors: list[int]) -> int:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         command = [sys.executable, "-m", "tests.warm", str(theirs.fileno()), package, "-" * fork_server.TITLE]
         with theirs:
-            environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONUNBUFFERED": "1"}
+            environment = {"OPENBLAS_NUM_THREADS": "1", **_environment, "PYTHONUNBUFFERED": "1"}
             process = subprocess.Popen(command, pass_fds=[theirs.fileno()], env=environment)
         _servers[package] = ours, process
         atexit.register(_close, ours, process)

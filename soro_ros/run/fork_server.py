@@ -1,6 +1,7 @@
 """A process that has imported what the nodes of a run need, and forks them, so that they start at once.
 
-It has no thread and never joins ROS, so that a fork of it is a clean process. The program that has started it
+It never joins ROS, and no thread of it works, so that a fork of it is a clean process: the import of rclpy
+starts those that wait for a tracer (LTTng), which a fork is without. The program that has started it
 becomes the parent of all that it forks (as their nearest subreaper), so it waits for them, and they end with
 it, as with processes that it had started itself (ADR 0071).
 """
@@ -20,6 +21,7 @@ import sys
 import threading
 import time
 import traceback
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -97,6 +99,8 @@ def serve(asked: socket.socket, parent: int) -> ForkRequest | None:
     ForkRequest or None
         What the forked process is to do; None at the end of the server.
     """
+    # Python 3.12 warns of the threads that wait for a tracer.
+    warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
     gc.collect()
     gc.freeze()  # what is shared stays shared
     with contextlib.suppress(ConnectionError):  # the program that asks has ended

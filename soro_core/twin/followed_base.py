@@ -62,7 +62,7 @@ class BaseWay(NamedTuple):
     def _spin(self, t: float) -> Array:
         """Angular velocity (3,) in the world [rad/s]."""
         x, v, _ = self.at(t)
-        return np.linalg.solve(left_jacobian_inverse(x[3:]), v[3:])
+        return np.asarray(np.linalg.solve(left_jacobian_inverse(x[3:]), v[3:]), dtype=np.float64)
 
     def towards(self, t: float, displacement: Array, rotation: Array) -> BaseWay:
         """Return the way to another pose.

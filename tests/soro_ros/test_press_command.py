@@ -1,7 +1,5 @@
 """`soro press`: what it sends, its exit status, and a press on the wall of a twin by real nodes."""
 
-import subprocess
-
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
@@ -13,6 +11,7 @@ from tests.patience import COMPILED_S
 from tests.soro_ros.direct import captured
 from tests.soro_ros.running import SORO, ClockListener, end, only_run, payloads, start_run
 from tests.soro_ros.test_move_command import Scripted
+from tests.warm import completed
 
 
 def pressed(node, *states, hold_s=0.0):
@@ -100,4 +99,4 @@ def test_nodes_press_on_a_wall_and_say_where_there_is_none(domain, tmp_path):
 
 
 def press(*arguments):
-    return subprocess.run([*SORO, "press", *arguments], capture_output=True, text=True, timeout=120)
+    return completed([*SORO, "press", *arguments], 120)

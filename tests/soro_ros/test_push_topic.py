@@ -20,6 +20,7 @@ from soro_ros.topics.twin_topics import PUSH_NS
 from tests.patience import COMPILED_S
 from tests.soro_ros.direct import active, captured, fire, receive, values
 from tests.soro_ros.running import end, wait_until
+from tests.warm import Popen
 
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
 TICK_NS = 5_000_000
@@ -171,7 +172,7 @@ def test_a_base_at_rest_has_no_topic(twin):
 @pytest.mark.process
 def test_a_publisher_of_any_program_pushes_a_twin_in_real_time(domain):
     command = [sys.executable, "-m", "soro_ros.nodes.twin", "--ros-args", "-r", "__ns:=/alone"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     middleware.init([])
     node, heard = rclpy.create_node("hand", namespace="/alone"), []
     executor = SingleThreadedExecutor()

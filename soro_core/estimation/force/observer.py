@@ -210,7 +210,8 @@ class ForceObserver:
                 ModelError, np.linalg.LinAlgError
             ):  # no coordinates have the place there
                 held = hold(self.force, state.held, place, learned, part, dt)
-        external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.stage != "contact")
+        tip = self.balancer.fine.pose(balance.x, self.balancer.fine.length)[:3, 3]
+        external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.stage != "contact", tip)
         return state._replace(balance=balance, force_n=slow, stage=stage, held=held, external=external)
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:

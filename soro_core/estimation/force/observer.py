@@ -16,6 +16,7 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
+from soro_core.estimation.force.average import Average, averaged, covariance
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -30,6 +31,12 @@ _MOST_PIECES = 8
 _GAIN_STD = 0.03
 # Time without a position of a place after which one further in is used [s].
 _PLACE_S = 0.25
+# Deviation of the force of inertia at the tip, as a part of it.
+_MOTION = 0.5
+# Speed of the tip, in lengths of the arm a second, from which on it moves, behind a low-pass of a rate [rad/s].
+_MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
+# A force is seen up to two of these times after it has begun to teach [s].
+_PAST_S = 0.2
 # Part of a new position in the mean of their scatter.
 _SCATTER_PART = 0.05
 
@@ -59,6 +66,14 @@ class Seen(NamedTuple):
     internal: Array
 
 
+class Before(NamedTuple):
+    """What was known a while ago [s]: the load [kg], and the force that the model missed [N]."""
+
+    age_s: float
+    mass_kg: float
+    force_n: Array
+
+
 class ForceState(NamedTuple):
     """What is kept between two estimates.
 
@@ -83,8 +98,13 @@ class ForceState(NamedTuple):
     q : ndarray (n_q,) or None
         Estimated coordinates behind it.
     balance : TipBalance or None
-    force_n : ndarray (3,) or None
-        Its force behind a slower low-pass [N].
+    average : Average or None
+        That of its force.
+    past : tuple of `Before`
+        What was known up to two times `_PAST_S` before now, or before the present force from outside, oldest
+        first.
+    speed : ndarray (3,) or None
+        Velocity of the tip behind a slow low-pass [m/s].
     stage : StageState
     held : TipHold or None
         What holds the arm from outside, for the filter; None while it is free.
@@ -102,7 +122,9 @@ class ForceState(NamedTuple):
     measured: Measured | None = None
     q: Array | None = None
     balance: TipBalance | None = None
-    force_n: Array | None = None
+    average: Average | None = None
+    past: tuple[Before, ...] = ()
+    speed: Array | None = None
     stage: StageState = StageState()
     held: TipHold | None = None
     external: ExternalForce | None = None
@@ -144,6 +166,7 @@ class ForceObserver:
         self.balancer = TipBalancer(arm, links, self._pieces)
         self.force = LearnedForce(arm, links)
         self._nothing = np.zeros(self.force.size)
+        self._mass_kg = sum(link.mass for link in arm.robot.links)
         measured = min(arm.robot.calibration.gain_std or _GAIN_STD, _GAIN_STD)
         self._gain_std = measured if config.gain_std is None else config.gain_std
 
@@ -177,41 +200,62 @@ class ForceObserver:
             state = self._passed(state, one)
         assert state.measured is not None
         assert state.q is not None
+        dt, config = state.passed_s - start_s, self.config
         theta, learned = self._nothing, known.learned
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
+        state = state._replace(past=_past(state, float(theta[0]), dt))
+        base = np.zeros(3)
+        if state.stage.stage != "free" and state.past:
+            # What is learned as a load since then may be the push; what was missing before it is none.
+            theta = np.concatenate([[state.past[0].mass_kg], theta[1:]])
+            base = state.past[0].force_n
         losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), state.measured.qd)
         measured = state.measured._replace(force=state.measured.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
             return state.begun_anew(state.due_s)
-        dt, config = state.passed_s - start_s, self.config
-        part = max(-math.expm1(-config.low_pass_per_s * dt), dt / (state.passed_s + dt) if dt > 0.0 else 1.0)
-        slow = balance.force_n if state.force_n is None else state.force_n
-        slow = slow + part * (balance.force_n - slow)
         noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned)
-        fast_part, slow_part = (
-            self._part(state, rate) for rate in (config.fast_per_s, config.low_pass_per_s)
-        )
-        covariance = slow_part * noise + doubt
-        told = ForceSeen(
-            (balance.force_n, fast_part * noise + doubt),
-            (slow, covariance),
-            self.balancer.fine.tables.gravity,
+        jacobian = self.arm.jacobian(seen[-1].q, s)[3:]
+        load_kg, acceleration = (
             self.arm.robot.tip_mass + float(theta[0]),
-            float(np.linalg.norm(self.arm.jacobian(seen[-1].q, s)[3:] @ measured.qdd)),
+            float(np.linalg.norm(jacobian @ measured.qdd)),
+        )
+        moved = _MOTION * (0.5 * self._mass_kg + max(load_kg, 0.0)) * acceleration
+        density = state.interval_s * noise + moved**2 / config.fast_per_s * np.eye(3)
+        average = averaged(state.average, balance.force_n, density, config.low_pass_per_s, dt)
+        slow, found = average.force_n - base, covariance(average, density) + doubt
+        velocity = jacobian @ measured.qd
+        speed = (
+            velocity
+            if state.speed is None
+            else state.speed + _part_of(_STEADY_PER_S, dt) * (velocity - state.speed)
+        )
+        told = ForceSeen(
+            (balance.force_n - base, self._part(state, config.fast_per_s) * noise + doubt),
+            (slow, found),
+            self.balancer.fine.tables.gravity,
+            load_kg,
+            acceleration,
+            float(np.linalg.norm(speed)) > _MOVES_PER_S * self.arm.length,
         )
         stage = next_stage(state.stage, told, dt)
+        if state.stage.stage == "outside force" and stage.stage == "free" and stage.mass_free:
+            state = state._replace(past=())  # it is a load
+            average = average._replace(force_n=base)
         held = None
         # Before a law has said how well it knows the arm, in the probe say, what the model misses is no push.
         if stage.stage != "free" and learned is not None and learned.doubt is not None:
             place = HeldPlace(measured.position, s, state.q, measured.pressure_pa, seen[-1].internal, slow)
+            part = _part_of(config.low_pass_per_s, dt)
             with contextlib.suppress(
                 ModelError, np.linalg.LinAlgError
             ):  # no coordinates have the place there
                 held = hold(self.force, state.held, place, learned, part, dt)
-        external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.stage != "contact")
-        return state._replace(balance=balance, force_n=slow, stage=stage, held=held, external=external)
+        external = ExternalForce(slow, stage.doubt * found, stage.stage, stage.mass_free)
+        return state._replace(
+            balance=balance, average=average, speed=speed, stage=stage, held=held, external=external
+        )
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:
         """Return the state with one more position behind the low-pass."""
@@ -269,6 +313,21 @@ class ForceObserver:
             + balance.by_force @ doubt @ balance.by_force.T
         )
         return np.asarray(0.5 * (found + found.T))
+
+
+def _part_of(rate: float, dt: float) -> float:
+    """Return the part of the way of a low-pass of a rate [rad/s] in a time [s]."""
+    return -math.expm1(-rate * dt)
+
+
+def _past(state: ForceState, mass_kg: float, dt: float) -> tuple[Before, ...]:
+    """Return what was known, with what is known now while nothing pushes."""
+    if state.stage.stage != "free":
+        return state.past
+    kept = tuple(one._replace(age_s=one.age_s + dt) for one in state.past)
+    if state.average is None or (kept and kept[-1].age_s < _PAST_S):
+        return kept
+    return (*kept[-1:], Before(0.0, mass_kg, state.average.force_n))
 
 
 def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:

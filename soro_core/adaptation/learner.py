@@ -477,20 +477,22 @@ class Learner:
     def doubt(self, state: LearnerState) -> Array | None:
         """Return the covariance (n_q, n_q) of the learned force where the last samples are, None without.
 
-        Under a force from outside it is that of its change since before it. The deviations are those by the
-        noise that the learner assumes.
+        Under a force from outside it is that of its change since before it, where that is smaller. The
+        deviations are those by the noise that the learner assumes.
         """
         if state.regressor is None:
             return None
-        away = state.regressor
+        sides = [state.regressor]
         if state.stage != "free" and state.unpushed is not None:
-            away = away - state.unpushed[2]
-        by = self.force.scales.force[:, None] * away
-        try:
-            found = np.asarray(by @ np.linalg.solve(state.information, by.T))
-        except np.linalg.LinAlgError:
-            return None
-        return found if np.isfinite(found).all() else None
+            sides.append(state.regressor - state.unpushed[2])
+        found = []
+        for one in sides:
+            try:
+                found.append(np.asarray(one @ np.linalg.solve(state.information, one.T)))
+            except np.linalg.LinAlgError:
+                return None
+        least, unit = min(found, key=np.trace), self.force.scales.force
+        return unit[:, None] * least * unit if np.isfinite(least).all() else None
 
     def _named(self, chambers: Array, information: Array) -> str:
         """Return which chambers differ from the others of their link."""

@@ -1,8 +1,8 @@
-"""The average of a force that is measured with noise: over long where it is noisy, and anew when it changes.
+"""The average of a measured force: over long where it is noisy, and anew when it changes.
 
-The noise along the weak direction, the chord of the arm, is a hundred times that across it, and reaches what is
-across the tip of a bent arm. So both have a Kalman filter of a random walk of their own: one that is a low-pass
-across the chord, and a much slower one along it.
+The noise along the weak direction, the chord of the arm, is a hundred times that across it, and reaches what
+is across the tip of a bent arm. So both have a Kalman filter of a random walk of their own: one that is a
+low-pass across the chord, and a much slower one along it.
 """
 
 from __future__ import annotations
@@ -17,6 +17,8 @@ from soro_core.arrays import Array
 _ALONG_PER_S = 0.3
 # Square of the deviations of the noise from which on another force is a new one.
 _NEW = 25.0
+# Error of the force of inertia along the weak direction, in parts of that across it.
+_INERTIA_ALONG = 3.0
 # Part of a new force along the weak direction that is expected, of that across it.
 ALONG = 0.5
 
@@ -29,7 +31,9 @@ class Average(NamedTuple):
     across: float
 
 
-def averaged(before: Average | None, force_n: Array, density: Array, rate: float, dt: float) -> Average:
+def averaged(
+    before: Average | None, force_n: Array, density: Array, inertia: float, rate: float, dt: float
+) -> Average:
     """Return the average with one more measured force.
 
     Parameters
@@ -40,13 +44,16 @@ def averaged(before: Average | None, force_n: Array, density: Array, rate: float
         Measured force [N].
     density : ndarray (3, 3)
         Covariance of its noise, times the time for which that lasts [N^2 s].
+    inertia : float
+        The same of the error of the force of inertia in each direction across the weak one [N^2 s].
     rate : float
         Rate of the low-pass across the weak direction [rad/s].
     dt : float
         Time since the last one [s].
     """
-    variances, directions = np.linalg.eigh(density / max(dt, 1e-3))
-    noise, weak = variances[1:], directions[:, -1]
+    variances, directions = np.linalg.eigh(density)
+    noise = (variances[1:] + inertia * np.array([1.0, _INERTIA_ALONG**2])) / max(dt, 1e-3)
+    weak = directions[:, -1]
     if before is None or dt <= 0.0:
         return Average(force_n, *noise[::-1])
     off = force_n - before.force_n

@@ -32,8 +32,9 @@ _GAIN_STD = 0.03
 # Time without a position of a place after which one further in is used [s].
 _PLACE_S = 0.25
 # Deviation of the force of inertia at the tip, as a part of it.
-_MOTION = 0.5
-# Speed of the tip, in lengths of the arm a second, from which on it moves, behind a low-pass of a rate [rad/s].
+_INERTIA = 0.5
+# Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
+# [rad/s].
 _MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
 # A force is seen up to two of these times after it has begun to teach [s].
 _PAST_S = 0.2
@@ -67,11 +68,12 @@ class Seen(NamedTuple):
 
 
 class Before(NamedTuple):
-    """What was known a while ago [s]: the load [kg], and the force that the model missed [N]."""
+    """What was known a while ago [s]: the load [kg], the force that the model missed [N], and coordinates."""
 
     age_s: float
     mass_kg: float
     force_n: Array
+    q: Array
 
 
 class ForceState(NamedTuple):
@@ -205,25 +207,24 @@ class ForceObserver:
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
         state = state._replace(past=_past(state, float(theta[0]), dt))
-        base = np.zeros(3)
+        base, bent = np.zeros(3), np.zeros(self.arm.n_q)
         if state.stage.stage != "free" and state.past:
             # What is learned as a load since then may be the push; what was missing before it is none.
             theta = np.concatenate([[state.past[0].mass_kg], theta[1:]])
-            base = state.past[0].force_n
+            base, bent = state.past[0].force_n, state.q - state.past[0].q
         losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), state.measured.qd)
         measured = state.measured._replace(force=state.measured.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
             return state.begun_anew(state.due_s)
-        noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned)
+        noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned, bent)
         jacobian = self.arm.jacobian(seen[-1].q, s)[3:]
-        load_kg, acceleration = (
-            self.arm.robot.tip_mass + float(theta[0]),
-            float(np.linalg.norm(jacobian @ measured.qdd)),
-        )
-        moved = _MOTION * (0.5 * self._mass_kg + max(load_kg, 0.0)) * acceleration
-        density = state.interval_s * noise + moved**2 / config.fast_per_s * np.eye(3)
-        average = averaged(state.average, balance.force_n, density, config.low_pass_per_s, dt)
+        load_kg = self.arm.robot.tip_mass + float(theta[0])
+        acceleration = float(np.linalg.norm(jacobian @ measured.qdd))
+        inertia_kg = _INERTIA * (0.5 * self._mass_kg + max(load_kg, 0.0))
+        density = state.interval_s * noise
+        moved = (inertia_kg * acceleration) ** 2 / config.fast_per_s
+        average = averaged(state.average, balance.force_n, density, moved, config.low_pass_per_s, dt)
         slow, found = average.force_n - base, covariance(average, density) + doubt
         velocity = jacobian @ measured.qd
         speed = (
@@ -236,12 +237,14 @@ class ForceObserver:
             (slow, found),
             self.balancer.fine.tables.gravity,
             load_kg,
+            inertia_kg,
             acceleration,
             float(np.linalg.norm(speed)) > _MOVES_PER_S * self.arm.length,
         )
         stage = next_stage(state.stage, told, dt)
-        if state.stage.stage == "outside force" and stage.stage == "free" and stage.mass_free:
-            state = state._replace(past=())  # it is a load
+        if state.stage.stage != "free" and stage.stage == "free":
+            # What is known since the touch is of the push; or it is a load, which is known now.
+            state = state._replace(past=() if stage.mass_free else state.past[:1])
             average = average._replace(force_n=base)
         held = None
         # Before a law has said how well it knows the arm, in the probe say, what the model misses is no push.
@@ -294,19 +297,20 @@ class ForceObserver:
         pressure = self.noise.pressure_pa * balance.by_pressure
         return np.asarray(position @ position.T + pressure @ pressure.T)
 
-    def _doubt(self, balance: TipBalance, measured: Measured, learned: Learned | None) -> Array:
-        """Return the covariance (3, 3) by what is not known of the arm [N^2]."""
+    def _doubt(self, balance: TipBalance, measured: Measured, learned: Learned | None, bent: Array) -> Array:
+        """Return the covariance (3, 3) by what is not known of the arm [N^2]; `bent`: q since a touch."""
         config, arm = self.config, self.arm
         single = config.model_std_pa * balance.by_pressure
         doubt = None if learned is None else learned.doubt
+        by_strain = config.stiffness_std * self.force.scales.stiffness * self.force.scales.force
         # Free motion teaches the gains against the stiffness: an error of their scale is one of F alone.
         gain = balance.force_n
         if doubt is None or doubt.shape != (arm.n_q, arm.n_q):
             gain = balance.by_pressure @ arm.acting_pressure(measured.pressure_pa)
-            q, scales = balance.x @ self.balancer.spread / self._pieces, self.force.scales
-            load = mass_prior(arm)[0] * arm.tip_mass_force(q, measured.qd, measured.qdd)
-            elastic = config.stiffness_std * scales.stiffness * scales.force * q
-            doubt = np.diag(elastic**2) + np.outer(load, load)
+            bent = balance.x @ self.balancer.spread / self._pieces
+            load = mass_prior(arm)[0] * arm.tip_mass_force(bent, measured.qd, measured.qdd)
+            doubt = np.outer(load, load)
+        doubt = doubt + np.diag((by_strain * bent) ** 2)
         found = (
             self._gain_std**2 * np.outer(gain, gain)
             + single @ single.T
@@ -325,9 +329,9 @@ def _past(state: ForceState, mass_kg: float, dt: float) -> tuple[Before, ...]:
     if state.stage.stage != "free":
         return state.past
     kept = tuple(one._replace(age_s=one.age_s + dt) for one in state.past)
-    if state.average is None or (kept and kept[-1].age_s < _PAST_S):
+    if state.average is None or state.q is None or (kept and kept[-1].age_s < _PAST_S):
         return kept
-    return (*kept[-1:], Before(0.0, mass_kg, state.average.force_n))
+    return (*kept[-1:], Before(0.0, mass_kg, state.average.force_n, state.q))
 
 
 def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:

@@ -3,8 +3,8 @@
 The force is that beyond the load of before it. A load that comes pulls along gravity and moves with the tip.
 Of all loads the one that explains the force best leaves a rest; where that is beyond its deviations for a
 while, it is a contact. Where it is not, a push may be the better explanation still: on a bent arm one in the
-plane of gravity leaves no rest either. It is a load once that is likelier than a push by far. What pulls along
-the backbone alone is neither: errors of stiffness, gain and damping look the same, and are to be learned.
+plane of gravity leaves no rest either. It is a load once that is likelier than a push by far. What pulls
+along the backbone alone is neither: errors of stiffness, gain and damping look the same, and are learned.
 """
 
 from __future__ import annotations
@@ -25,12 +25,14 @@ _FORCE, _NO_FORCE = 25.0, 11.3
 _NO_LOAD, _A_LOAD = 11.8, 4.6
 # How long each must last [s]: a sample may be wrong, a new load swings, and the learner's low-pass remembers.
 _FORCE_S, _GONE_S, _NO_LOAD_S, _A_LOAD_S = 0.015, 0.4, 0.25, 0.3
-# How long a load must explain an outside force, from which on it is one [s], and by how much better than a push
-# (logarithm of 20): one is as rare as the other.
+# How long a load must explain an outside force, from which on it is one [s], and by how much better than a
+# push (logarithm of 20): one is as rare as the other.
 _LOAD_S, _LIKELIER = 0.2, 3.0
 # Time of the mean of what is usual, and that of a moving arm after which what is neither a load nor a contact
 # becomes usual and is learned [s].
 _USUAL_S, _LEARNED_S = 1.0, 2.0
+# Part of the largest force below which one may have gone while the arm swings.
+_LEFT = 0.25
 # Time for which the mass of before a push that has left is told to the law [s].
 _LEFT_S = 0.1
 # Time in which what is known of a swing fades [s].
@@ -51,6 +53,8 @@ class StageState(NamedTuple):
         Time of the outside force in which the arm moved [s].
     left_s : float
         Time that is left in which a push has just gone [s].
+    largest_n : float
+        Largest force across the backbone since it is an outside force [N].
     swing : float
         Largest acceleration of the tip of late, as a part of gravity.
     usual : float
@@ -65,6 +69,7 @@ class StageState(NamedTuple):
     likelier_s: float = 0.0
     outside_s: float = 0.0
     left_s: float = 0.0
+    largest_n: float = 0.0
     swing: float = 0.0
     usual: float = 30.0
 
@@ -90,6 +95,8 @@ class ForceSeen(NamedTuple):
         Its acceleration [m/s^2].
     load_kg : float
         Mass that the tip is believed to carry, of which no more can have gone.
+    inertia_kg : float
+        Mass that, with its acceleration, makes the error of the force of inertia.
     acceleration : float
         That of the tip [m/s^2].
     moves : bool
@@ -100,6 +107,7 @@ class ForceSeen(NamedTuple):
     slow: tuple[Array, Array]
     gravity: Array
     load_kg: float
+    inertia_kg: float
     acceleration: float
     moves: bool = True
 
@@ -114,22 +122,27 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     dt : float
         Time since the last estimate [s].
     """
-    fast, slow, gravity, load_kg, acceleration, moves = seen
+    fast, slow, gravity, load_kg, inertia_kg, acceleration, moves = seen
     # What the model misses while it learns comes and goes with the motion; a force from outside is new.
     size = _size(*fast)
     usual = state.usual
-    fast_size, slow_size = (
-        _size(force, _beside_weakest(force, state.doubt * covariance)) for force, covariance in (fast, slow)
-    )
+    fast_size = _size(fast[0], _beside_weakest(fast[0], state.doubt * fast[1]))
     # A load that swings pulls aside by as much of its weight as its acceleration is of gravity.
-    swing = max(
-        math.exp(-dt / _SWING_S) * state.swing, acceleration / max(float(np.linalg.norm(gravity)), 1e-9)
-    )
+    weight = max(float(np.linalg.norm(gravity)), 1e-9)
+    swing = max(math.exp(-dt / _SWING_S) * state.swing, acceleration / weight)
     aside = swing**2 * float(slow[0] @ slow[0]) * np.eye(3)
     told = slow[0], state.doubt * slow[1]
     rest = _rest(told[0], told[1] + aside, gravity, load_kg)
     force_s = state.force_s + dt if fast_size > _FORCE else 0.0
-    gone_s = state.gone_s + dt if fast_size < _FORCE and slow_size < _NO_FORCE else 0.0
+    strength = _across(*slow)
+    largest_n = 0.0 if state.stage == "free" else max(state.largest_n, strength)
+    # The error of the force of inertia hides a small rest of a force, not the force.
+    still = np.eye(3) * (inertia_kg * weight * swing if strength < _LEFT * largest_n else 0.0) ** 2
+    is_gone = all(
+        _size(force, _beside_weakest(force, state.doubt * covariance + still)) < most
+        for (force, covariance), most in ((fast, _FORCE), (slow, _NO_FORCE))
+    )
+    gone_s = state.gone_s + dt if is_gone else 0.0
     no_load_s = state.no_load_s + dt if rest > _NO_LOAD else 0.0
     # Without the doubt by the swing, in which everything is a load.
     is_load = _rest(*told, gravity, load_kg) < _A_LOAD
@@ -148,9 +161,10 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     elif stage == "contact" and load_s > _A_LOAD_S:
         stage = "outside force"
     outside_s = state.outside_s + dt * moves if stage == "outside force" else 0.0
-    if stage == "free" or (moves and outside_s > _LEARNED_S):
+    if (stage == "free" and fast_size <= _FORCE) or (moves and outside_s > _LEARNED_S):
         usual += (1.0 - math.exp(-dt / _USUAL_S)) * (size - usual)
-    return StageState(stage, force_s, gone_s, no_load_s, load_s, likelier_s, outside_s, left_s, swing, usual)
+    times = force_s, gone_s, no_load_s, load_s, likelier_s, outside_s, left_s
+    return StageState(stage, *times, largest_n, swing, usual)
 
 
 def _size(force: Array, covariance: Array) -> float:
@@ -166,6 +180,12 @@ def _beside_weakest(force: Array, covariance: Array) -> Array:
     variances, directions = np.linalg.eigh(covariance)
     weakest, share = directions[:, -1], 1.0 - variances[-2] / variances[-1]
     return np.asarray(covariance + share * float(weakest @ force) ** 2 * np.outer(weakest, weakest))
+
+
+def _across(force: Array, covariance: Array) -> float:
+    """Return how much of a force is across the direction of the largest deviation [N]."""
+    weakest = np.linalg.eigh(covariance)[1][:, -1]
+    return float(np.linalg.norm(force - float(weakest @ force) * weakest))
 
 
 def _rest(force: Array, covariance: Array, gravity: Array, load_kg: float) -> float:

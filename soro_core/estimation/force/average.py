@@ -19,8 +19,9 @@ _ALONG_PER_S = 0.3
 _NEW = 25.0
 # Error of the force of inertia along the weak direction, in parts of that across it.
 _INERTIA_ALONG = 3.0
-# Part of a new force along the weak direction that is expected, of that across it.
-ALONG = 0.5
+# Parts of a new force along the weak direction that are expected, of that across it: of a push, and of what
+# may be a load.
+ALONG, ALONG_LOAD = 0.5, 5.0
 
 
 class Average(NamedTuple):
@@ -32,7 +33,13 @@ class Average(NamedTuple):
 
 
 def averaged(
-    before: Average | None, force_n: Array, density: Array, inertia: float, rate: float, dt: float
+    before: Average | None,
+    force_n: Array,
+    density: Array,
+    inertia: float,
+    rate: float,
+    dt: float,
+    along_part: float = ALONG,
 ) -> Average:
     """Return the average with one more measured force.
 
@@ -50,6 +57,8 @@ def averaged(
         Rate of the low-pass across the weak direction [rad/s].
     dt : float
         Time since the last one [s].
+    along_part : float
+        Part of a new force along the weak direction that is expected, of that across it.
     """
     variances, directions = np.linalg.eigh(density)
     noise = (variances[1:] + inertia * np.array([1.0, _INERTIA_ALONG**2])) / max(dt, 1e-3)
@@ -62,7 +71,7 @@ def averaged(
     size = float(across @ across)
     spread = np.array([before.across, before.along]) + np.square(dt * np.array([rate, _ALONG_PER_S])) * noise
     if size > _NEW * float(spread[0] + noise[0]):
-        spread = spread + size * np.array([1.0, ALONG**2])
+        spread = spread + size * np.array([1.0, along_part**2])
     gain = spread / (spread + noise)
     left = (1.0 - gain) * spread
     return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]))

@@ -16,7 +16,7 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
-from soro_core.estimation.force.average import Average, averaged, covariance
+from soro_core.estimation.force.average import ALONG_LOAD, Average, averaged, covariance
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -100,8 +100,8 @@ class ForceState(NamedTuple):
     q : ndarray (n_q,) or None
         Estimated coordinates behind it.
     balance : TipBalance or None
-    average : Average or None
-        That of its force.
+    average, of_any : Average or None
+        That of its force, as of a push; and the same as of a push or a load.
     past : tuple of `Before`
         What was known up to two times `_PAST_S` before now, or before the present force from outside, oldest
         first.
@@ -125,6 +125,7 @@ class ForceState(NamedTuple):
     q: Array | None = None
     balance: TipBalance | None = None
     average: Average | None = None
+    of_any: Average | None = None
     past: tuple[Before, ...] = ()
     speed: Array | None = None
     stage: StageState = StageState()
@@ -206,7 +207,7 @@ class ForceObserver:
         theta, learned = self._nothing, known.learned
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
-        state = state._replace(past=_past(state, float(theta[0]), dt))
+        state = state._replace(past=_past(state, float(theta[0]), self._moves(state), dt))
         base, bent = np.zeros(3), np.zeros(self.arm.n_q)
         if state.stage.stage != "free" and state.past:
             # What is learned as a load since then may be the push; what was missing before it is none.
@@ -224,7 +225,8 @@ class ForceObserver:
         inertia_kg = _INERTIA * (0.5 * self._mass_kg + max(load_kg, 0.0))
         density = state.interval_s * noise
         moved = (inertia_kg * acceleration) ** 2 / config.fast_per_s
-        average = averaged(state.average, balance.force_n, density, moved, config.low_pass_per_s, dt)
+        seen_now = balance.force_n, density, moved, config.low_pass_per_s, dt
+        average, of_any = averaged(state.average, *seen_now), averaged(state.of_any, *seen_now, ALONG_LOAD)
         slow, found = average.force_n - base, covariance(average, density) + doubt
         velocity = jacobian @ measured.qd
         speed = (
@@ -232,20 +234,22 @@ class ForceObserver:
             if state.speed is None
             else state.speed + _part_of(_STEADY_PER_S, dt) * (velocity - state.speed)
         )
+        state = state._replace(speed=speed)
         told = ForceSeen(
             (balance.force_n - base, self._part(state, config.fast_per_s) * noise + doubt),
             (slow, found),
+            (of_any.force_n - base, covariance(of_any, density) + doubt),
             self.balancer.fine.tables.gravity,
             load_kg,
             inertia_kg,
             acceleration,
-            float(np.linalg.norm(speed)) > _MOVES_PER_S * self.arm.length,
+            self._moves(state),
         )
         stage = next_stage(state.stage, told, dt)
         if state.stage.stage != "free" and stage.stage == "free":
             # What is known since the touch is of the push; or it is a load, which is known now.
             state = state._replace(past=() if stage.mass_free else state.past[:1])
-            average = average._replace(force_n=base)
+            average, of_any = (one._replace(force_n=base) for one in (average, of_any))
         held = None
         # Before a law has said how well it knows the arm, in the probe say, what the model misses is no push.
         if stage.stage != "free" and learned is not None and learned.doubt is not None:
@@ -257,8 +261,12 @@ class ForceObserver:
                 held = hold(self.force, state.held, place, learned, part, dt)
         external = ExternalForce(slow, stage.doubt * found, stage.stage, stage.mass_free)
         return state._replace(
-            balance=balance, average=average, speed=speed, stage=stage, held=held, external=external
+            balance=balance, average=average, of_any=of_any, stage=stage, held=held, external=external
         )
+
+    def _moves(self, state: ForceState) -> bool:
+        """Whether the arm moves, and does not only swing."""
+        return state.speed is not None and float(np.linalg.norm(state.speed)) > _MOVES_PER_S * self.arm.length
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:
         """Return the state with one more position behind the low-pass."""
@@ -324,14 +332,16 @@ def _part_of(rate: float, dt: float) -> float:
     return -math.expm1(-rate * dt)
 
 
-def _past(state: ForceState, mass_kg: float, dt: float) -> tuple[Before, ...]:
+def _past(state: ForceState, mass_kg: float, moves: bool, dt: float) -> tuple[Before, ...]:
     """Return what was known, with what is known now while nothing pushes."""
     if state.stage.stage != "free":
         return state.past
     kept = tuple(one._replace(age_s=one.age_s + dt) for one in state.past)
     if state.average is None or state.q is None or (kept and kept[-1].age_s < _PAST_S):
         return kept
-    return (*kept[-1:], Before(0.0, mass_kg, state.average.force_n, state.q))
+    # What is missing of an arm that moves is another one elsewhere.
+    force_n = np.zeros(3) if moves else state.average.force_n
+    return (*kept[-1:], Before(0.0, mass_kg, force_n, state.q))
 
 
 def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:

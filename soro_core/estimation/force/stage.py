@@ -89,8 +89,9 @@ class ForceSeen(NamedTuple):
 
     Attributes
     ----------
-    fast, slow : tuple of ndarray (3,), (3, 3)
-        Force [N] and its covariance behind the fast and the slow low-pass.
+    fast, slow, of_any : tuple of ndarray (3,), (3, 3)
+        Force [N] and its covariance behind the fast low-pass, in the average as of a push, and in that as
+        of a push or a load.
     gravity : ndarray (3,)
         Its acceleration [m/s^2].
     load_kg : float
@@ -105,6 +106,7 @@ class ForceSeen(NamedTuple):
 
     fast: tuple[Array, Array]
     slow: tuple[Array, Array]
+    of_any: tuple[Array, Array]
     gravity: Array
     load_kg: float
     inertia_kg: float
@@ -122,7 +124,7 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     dt : float
         Time since the last estimate [s].
     """
-    fast, slow, gravity, load_kg, inertia_kg, acceleration, moves = seen
+    fast, slow, of_any, gravity, load_kg, inertia_kg, acceleration, moves = seen
     # What the model misses while it learns comes and goes with the motion; a force from outside is new.
     size = _size(*fast)
     usual = state.usual
@@ -130,8 +132,8 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     # A load that swings pulls aside by as much of its weight as its acceleration is of gravity.
     weight = max(float(np.linalg.norm(gravity)), 1e-9)
     swing = max(math.exp(-dt / _SWING_S) * state.swing, acceleration / weight)
-    aside = swing**2 * float(slow[0] @ slow[0]) * np.eye(3)
-    told = slow[0], state.doubt * slow[1]
+    aside = swing**2 * float(of_any[0] @ of_any[0]) * np.eye(3)
+    told = of_any[0], state.doubt * of_any[1]
     rest = _rest(told[0], told[1] + aside, gravity, load_kg)
     force_s = state.force_s + dt if fast_size > _FORCE else 0.0
     strength = _across(*slow)
@@ -153,7 +155,7 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
         stage, no_load_s, load_s, likelier_s, left_s = "outside force", 0.0, 0.0, 0.0, 0.0
     elif stage != "free" and gone_s > _GONE_S:
         stage, left_s = "free", _LEFT_S
-    elif stage == "outside force" and likelier_s > _LOAD_S:
+    elif stage == "outside force" and (likelier_s > _LOAD_S or state.outside_s > _LEARNED_S):
         # A load is learned with all else, and is usual at once: it is not to come again as a force.
         stage, usual = "free", max(usual, size)
     elif stage == "outside force" and no_load_s > _NO_LOAD_S:
@@ -161,7 +163,7 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     elif stage == "contact" and load_s > _A_LOAD_S:
         stage = "outside force"
     outside_s = state.outside_s + dt * moves if stage == "outside force" else 0.0
-    if (stage == "free" and fast_size <= _FORCE) or (moves and outside_s > _LEARNED_S):
+    if stage == "free" and fast_size <= _FORCE:
         usual += (1.0 - math.exp(-dt / _USUAL_S)) * (size - usual)
     times = force_s, gone_s, no_load_s, load_s, likelier_s, outside_s, left_s
     return StageState(stage, *times, largest_n, swing, usual)

@@ -77,7 +77,7 @@ def after(seconds, force, load_kg=0.02, acceleration=0.0, state=None, gravity=GR
     state = StageState(usual=1.0) if state is None else state
     pair = np.asarray(force), SURE
     for _ in range(round(seconds / DT)):
-        state = next_stage(state, ForceSeen(pair, pair, gravity, load_kg, 0.01, acceleration), DT)
+        state = next_stage(state, ForceSeen(pair, pair, pair, gravity, load_kg, 0.01, acceleration), DT)
     return state
 
 
@@ -129,7 +129,7 @@ def test_no_more_load_can_go_than_there_is(load_kg, stage):
     covariance = 1e-6 * np.eye(3) + 0.2**2 * np.outer(along, along)
     state, pair = StageState(usual=1.0), (np.array([-0.05, 0.0, 0.0]), covariance)
     for _ in range(25):
-        state = next_stage(state, ForceSeen(pair, pair, GRAVITY, load_kg, 0.01, 0.0), DT)
+        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, load_kg, 0.01, 0.0), DT)
     assert state.stage == stage
 
 
@@ -143,7 +143,7 @@ def test_what_the_model_misses_all_the_time_is_no_force_from_outside():
     for k in range(1000):
         t = DT * k
         pair = 0.05 * min(1.0, t / 4.0) * np.array([np.cos(1.6 * t), np.sin(1.6 * t), 0.0]), SURE
-        state = next_stage(state, ForceSeen(pair, pair, GRAVITY, 0.0, 0.01, 0.0), DT)
+        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, 0.0, 0.01, 0.0), DT)
         assert state.stage != "contact"
     assert state.stage == "free"
     assert state.doubt > 10.0

@@ -117,8 +117,8 @@ class LearnerState:
     past : tuple
         What was known up to two times `_PAST_S` ago, oldest first, each with its age: a force from outside is
         found a little after it has begun to teach.
-    unpushed : tuple of float and ndarray, or None
-        Mass [kg] and information before the present force from outside.
+    unpushed : tuple of float and two ndarray, or None
+        Mass [kg], information and regressor before the present force from outside.
     """
 
     learned: Learned
@@ -141,7 +141,7 @@ class LearnerState:
     note: str = ""
     stage: Stage = "free"
     past: tuple[tuple[Any, ...], ...] = ()
-    unpushed: tuple[float, Array] | None = None
+    unpushed: tuple[float, Array, Array] | None = None
 
 
 class Learner:
@@ -382,12 +382,12 @@ class Learner:
         """
         if state.stage == "free" and state.past:
             was: dict[str, Any] = dict(zip(_KEPT, state.past[0][1:], strict=True))
-            unpushed = was["learned"].mass_kg, was["information"]
+            unpushed = was["learned"].mass_kg, was["information"], sides[1]
             state = replaced(state, past=(), unpushed=unpushed, **was)
         known = np.concatenate([state.learned.theta, state.chambers])
         mass_kg, information = known[0], state.information
         if stage == "contact" and state.stage != stage and state.unpushed is not None:
-            mass_kg, information = state.unpushed
+            mass_kg, information, _ = state.unpushed
         elif stage == "outside force":
             mass_kg, information = self._mass_alone(state, known, sides, covariance, dt)
         if mass_kg != known[0]:
@@ -477,16 +477,22 @@ class Learner:
     def doubt(self, state: LearnerState) -> Array | None:
         """Return the covariance (n_q, n_q) of the learned force where the last samples are, None without.
 
-        The deviations are those by the noise that the learner assumes.
+        Under a force from outside it is that of its change since before it, where that is smaller. The
+        deviations are those by the noise that the learner assumes.
         """
         if state.regressor is None:
             return None
-        by = self.force.scales.force[:, None] * state.regressor
-        try:
-            found = np.asarray(by @ np.linalg.solve(state.information, by.T))
-        except np.linalg.LinAlgError:
-            return None
-        return found if np.isfinite(found).all() else None
+        sides = [state.regressor]
+        if state.stage != "free" and state.unpushed is not None:
+            sides.append(state.regressor - state.unpushed[2])
+        found = []
+        for one in sides:
+            try:
+                found.append(np.asarray(one @ np.linalg.solve(state.information, one.T)))
+            except np.linalg.LinAlgError:
+                return None
+        least, unit = min(found, key=np.trace), self.force.scales.force
+        return unit[:, None] * least * unit if np.isfinite(least).all() else None
 
     def _named(self, chambers: Array, information: Array) -> str:
         """Return which chambers differ from the others of their link."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from soro_core.adaptation.slope_evidence import NO_EVIDENCE, SlopeEvidence, compared, rivals
+from soro_core.adaptation.learning.slope_evidence import NO_EVIDENCE, SlopeEvidence, compared, rivals
 
 # One value that is known, and one slope.
 LOWER, UPPER = np.array([-1.0, -10.0]), np.array([1.0, 10.0])

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core.adaptation.bounds import bounded_minimum
+from soro_core.adaptation.learning.bounds import bounded_minimum
 from soro_core.arrays import Array
 
 # Time over which the evidence is a mean [s].

@@ -228,8 +228,8 @@ class Learner:
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
         if sample.stage != "free":
-            sides, bounds = (residual, regressor), self._mass_bounds(state.learned.mass_kg)
-            under = held(state, sample.stage, sides, self._rule, covariance, bounds, dt)
+            seen, bounds = (residual, regressor, self._noise(covariance)), self._mass_bounds(state)
+            under = held(state, sample.stage, seen, self._rule, bounds, dt)
             return replaced(under, residual=residual, regressor=regressor, rate=sample.qd, note=state.named)
         start, known = state.start, np.concatenate([state.learned.theta, state.chambers])
         prior = self._prior(start, known)
@@ -252,8 +252,7 @@ class Learner:
             note = f"the learned mass at the tip is at its bound, {1e3 * mass_kg:.3g} g"
         parts, judged_s, slopes, named = self._parts(within), state.judged_s + dt, state.slopes, state.named
         if judged_s >= _JUDGED_S:
-            noise = self._rule.noise + self.slope @ covariance @ self.slope.T
-            adopted, mean = compared(slopes, sides, noise, judged_s)
+            adopted, mean = compared(slopes, sides, self._noise(covariance), judged_s)
             found = rivals(information, moment, self.first_slope, self._room(start, True))
             slopes, judged_s = SlopeEvidence(adopted, mean, found), 0.0
             named = self._named(parts["chambers"], information)
@@ -276,12 +275,16 @@ class Learner:
             note="; ".join(filter(None, (named, note))),
         )
 
-    def _mass_bounds(self, mass_kg: float) -> tuple[float, float]:
-        """Return the bounds of a mass [kg] under a push.
+    def _noise(self, covariance: Array) -> Array:
+        """Return the covariance (n_q, n_q) of a residual where q has one (n_q, n_q)."""
+        return np.asarray(self._rule.noise + self.slope @ covariance @ self.slope.T)
+
+    def _mass_bounds(self, state: LearnerState) -> tuple[float, float]:
+        """Return the bounds of the mass [kg] under a push.
 
         A push to the side is no load less than none, with which a free arm's model may be at its best.
         """
-        least = max(self.lower[0], min(-self.arm.robot.tip_mass, mass_kg))
+        least = max(self.lower[0], min(-self.arm.robot.tip_mass, state.learned.mass_kg))
         return float(least), float(self.upper[0])
 
     def follow(self, state: LearnerState, power: float, dt: float) -> LearnerState:

@@ -29,9 +29,8 @@ def remembered(state: LearnerState, dt: float) -> tuple[tuple[Any, ...], ...]:
 def held(
     state: LearnerState,
     stage: Stage,
-    sides: tuple[Array, Array],
+    seen: tuple[Array, Array, Array],
     rule: LearningRule,
-    covariance: Array,
     mass_bounds: tuple[float, float],
     dt: float,
 ) -> LearnerState:
@@ -43,11 +42,9 @@ def held(
     ----------
     state : LearnerState
     stage : {"outside force", "contact"}
-    sides : tuple of ndarray (n_q,), (n_q, size)
-        Residual and regressor.
+    seen : tuple of ndarray (n_q,), (n_q, size), (n_q, n_q)
+        Residual, regressor, and noise of the residual.
     rule : LearningRule
-    covariance : ndarray (n_q, n_q)
-        Of q.
     mass_bounds : tuple of float
         Of the learned mass [kg].
     dt : float
@@ -62,7 +59,7 @@ def held(
     if stage == "contact" and state.stage != stage and state.unpushed is not None:
         mass_kg, information = state.unpushed
     elif stage == "outside force":
-        mass_kg, information = _mass_alone(state, known, sides, rule, covariance, dt)
+        mass_kg, information = _mass_alone(state, known, seen, rule, dt)
         mass_kg = float(min(max(mass_kg, mass_bounds[0]), mass_bounds[1]))
     if mass_kg != known[0]:
         theta = state.learned.theta.copy()
@@ -74,20 +71,14 @@ def held(
 
 
 def _mass_alone(
-    state: LearnerState,
-    known: Array,
-    sides: tuple[Array, Array],
-    rule: LearningRule,
-    covariance: Array,
-    dt: float,
+    state: LearnerState, known: Array, seen: tuple[Array, Array, Array], rule: LearningRule, dt: float
 ) -> tuple[float, Array]:
     """Return mass [kg] and information after a sample that is to move no other value.
 
     The rule is that of `kernel.information` for this one number.
     """
-    residual, regressor = sides
+    residual, regressor, noise = seen
     missing, by_mass = residual - regressor @ known, regressor[:, 0]
-    noise = rule.noise + rule.slope @ covariance @ rule.slope.T
     weighed = np.linalg.solve(noise, np.column_stack([missing, by_mass]))
     large = min(float(missing @ weighed[:, 0]) / missing.size, rule.forget_factor)
     information = state.information.copy()

@@ -1,7 +1,6 @@
 """`soro press`: what it sends, its exit status, and a press on the wall of a twin by real nodes."""
 
 import contextlib
-import subprocess
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,6 +19,7 @@ from tests.refused import refused
 from tests.soro_ros.direct import captured
 from tests.soro_ros.running import SORO, ClockListener, end, only_run, payloads, start_run
 from tests.soro_ros.test_move_command import Scripted
+from tests.warm import completed
 
 CAP, TARE, SPEED = (f"control.force.{key}" for key in ("cap_n", "tare", "approach_speed_m_s"))
 
@@ -176,4 +176,4 @@ def test_nodes_press_on_a_wall_and_say_where_there_is_none(domain, tmp_path):
 
 
 def press(*arguments):
-    return subprocess.run([*SORO, "press", *arguments], capture_output=True, text=True, timeout=120)
+    return completed([*SORO, "press", *arguments], 120)

@@ -1,0 +1,155 @@
+"""Impulses of all contacts of a step: Signorini's condition and Coulomb's cone, by projected Gauss and Seidel.
+
+With u the speed at the end of the step and P the impulse on the first side, along the normal n:
+0 <= u_n - bias + P_n / (k h^2)  complementary to  P_n >= 0, and |P_t| <= mu P_n with u_t against P_t where it slips
+and 0 where it does not [A10]. Friction is not relaxed: a point that sticks has no speed, whatever it carries.
+"""
+
+from __future__ import annotations
+
+import math
+
+from soro_core._jit import inner
+from soro_core.arrays import Array
+from soro_core.bodies.records import Contacts, WorldTables
+
+# Largest change of a speed [m/s] in the last sweep, and sweeps.
+TOLERANCE = 1e-10
+MOST_SWEEPS = 2000
+# Slower approach does not bounce [m/s].
+SLOWEST_BOUNCE = 0.01
+
+
+@inner
+def recall_impulses(k: Contacts, ratio: float) -> None:
+    """First guess of each impulse: that of the same surfaces in the last step, for a step `ratio` as long."""
+    for c in range(k.count[0]):
+        for r in range(3):
+            k.impulse[c, r] = 0.0
+        for o in range(k.count[1]):
+            if k.old_key[o] == k.key[c]:
+                for r in range(3):
+                    k.impulse[c, r] = ratio * k.old_impulse[o, r]
+                break
+
+
+@inner
+def store_impulses(k: Contacts) -> None:
+    """Keep the impulses for `recall_impulses`."""
+    k.count[1] = k.count[0]
+    for c in range(k.count[0]):
+        k.old_key[c] = k.key[c]
+        for r in range(3):
+            k.old_impulse[c, r] = k.impulse[c, r]
+
+
+@inner
+def set_bias(k: Contacts, h: float, stiffness: float) -> None:
+    """k.bias <- least normal speed, from the normal speed at the start that it holds; k.soft.
+
+    The gap may close within the step and not more; what is closed opens within it. What bounces has the speed
+    of the bounce instead.
+    """
+    for c in range(k.count[0]):
+        approach = -k.bias[c]
+        bias = -k.gap[c] / h
+        k.soft[c] = 1.0 / (stiffness * h * h)
+        if k.restitution[c] > 0.0 and approach > SLOWEST_BOUNCE and k.gap[c] < h * approach:
+            bias = max(bias, k.restitution[c] * approach)
+            k.soft[c] = 0.0
+        k.bias[c] = bias
+
+
+@inner
+def set_blocks(k: Contacts) -> None:
+    """k.D <- G Y of each contact."""
+    for c in range(k.count[0]):
+        for i in range(3):
+            for j in range(3):
+                total = 0.0
+                for side in range(2):
+                    if k.mover[c, side] >= 0:
+                        for b in range(k.G.shape[3]):
+                            total += k.G[c, side, i, b] * k.Y[c, side, j, b]
+                k.D[c, i, j] = total
+
+
+@inner
+def push(k: Contacts, c: int, change: Array, v: Array) -> None:
+    """Add the velocities by a change of the impulse of contact c."""
+    for side in range(2):
+        m = k.mover[c, side]
+        if m >= 0:
+            for i in range(3):
+                if change[i] != 0.0:
+                    for b in range(v.shape[1]):
+                        v[m, b] += k.Y[c, side, i, b] * change[i]
+
+
+@inner
+def contact_speed(k: Contacts, c: int, i: int, v: Array) -> float:
+    """Speed along axis i of the frame of contact c."""
+    total = k.given[c, i]
+    for side in range(2):
+        m = k.mover[c, side]
+        if m >= 0:
+            for b in range(v.shape[1]):
+                total += k.G[c, side, i, b] * v[m, b]
+    return total
+
+
+@inner
+def solve_impulses(w: WorldTables) -> bool:
+    """w.movers.end <- velocities with all impulses, w.contacts.impulse from its guess; False if too slow.
+
+    `movers.end` has those with the impulses of the guess.
+    """
+    k, v = w.contacts, w.movers.end
+    n = k.count[0]
+    change = w.points[0]
+    for _ in range(MOST_SWEEPS):
+        worst = 0.0
+        for c in range(n):
+            worst = max(worst, _solve_one(k, c, v, change))
+        if worst < TOLERANCE:
+            return True
+    return n == 0
+
+
+@inner
+def _solve_one(k: Contacts, c: int, v: Array, change: Array) -> float:
+    """Update the impulse of one contact; gives the change of its speed."""
+    D, P, soft = k.D[c], k.impulse[c], k.soft[c]
+    if not D[0, 0] > 0.0:
+        return 0.0
+    moved = 0.0
+    before = P[0]
+    miss = contact_speed(k, c, 0, v) - k.bias[c] + soft * before
+    P[0] = max(0.0, before - miss / (D[0, 0] + soft))
+    change[0], change[1], change[2] = P[0] - before, 0.0, 0.0
+    if change[0] != 0.0:
+        moved = abs(change[0]) * (D[0, 0] + soft)
+        push(k, c, change, v)
+    limit = k.friction[c] * P[0]
+    old1, old2 = P[1], P[2]
+    if limit == 0.0:
+        P[1] = P[2] = 0.0
+    else:
+        u1, u2 = contact_speed(k, c, 1, v), contact_speed(k, c, 2, v)
+        a, b, d = D[1, 1], 0.5 * (D[1, 2] + D[2, 1]), D[2, 2]
+        det = a * d - b * b
+        P[1] = old1 - (d * u1 - b * u2) / det
+        P[2] = old2 - (a * u2 - b * u1) / det
+        if not P[1] * P[1] + P[2] * P[2] <= limit * limit:
+            # One factor for both directions: only then is friction at the rest of the iteration against the speed.
+            largest = 0.5 * (a + d) + math.sqrt(0.25 * (a - d) * (a - d) + b * b)
+            P[1], P[2] = old1 - u1 / largest, old2 - u2 / largest
+            size = math.sqrt(P[1] * P[1] + P[2] * P[2])
+            if size > limit:
+                P[1] *= limit / size
+                P[2] *= limit / size
+    change[0], change[1], change[2] = 0.0, P[1] - old1, P[2] - old2
+    if change[1] != 0.0 or change[2] != 0.0:
+        moved = max(moved, (abs(change[1]) + abs(change[2])) * max(D[1, 1], D[2, 2]))
+        push(k, c, change, v)
+    return moved

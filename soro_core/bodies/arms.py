@@ -1,7 +1,7 @@
-"""Arms over a step of a world: their sections, what an impulse adds, and Newton's iteration around the contacts.
+"""Arms over a step of a world: their sections, what an impulse adds, Newton's iteration around the contacts.
 
-An arm is stepped as by the implicit steppers (`soro_core.integrate.newton`), with the part theta of the step of
-`moving`. Its factored system A = M + theta h R + (theta h)^2 K gives what impulses at its contacts add to its
+An arm is stepped as by the implicit steppers (`soro_core.integrate.newton`), with the part theta of the step
+of `moving`. Its factored system A = M + theta h R + (theta h)^2 K gives what impulses at its contacts add to its
 velocity, A^-1 G' P: the contacts see the arm as it is within the step, with stiffness and damping.
 """
 
@@ -22,7 +22,7 @@ from soro_core.integrate.step_work import Stepping
 from soro_core.integrate.system import StageEquation, factor, force_residual, interpolate
 from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, check, finite
 from soro_core.model.forces.internal import advance_internal
-from soro_core.model.links.linear import assign
+from soro_core.model.links.linear import assign, clear
 from soro_core.model.links.sweep import NO, YES
 from soro_core.model.method import kinematics, solve_system
 from soro_core.model.records import ArmState, CrossSection
@@ -101,8 +101,23 @@ def _locate(
 
 
 locate_arms = select_by_type(NoArms, _nothing, _locate)
-"""locate_arms(arms, like, w, (q, v, z), pressure, (done, part)): sections of all arms, w.movers.start of the arms,
+"""locate_arms(arms, like, w, (q, v, z), pressure, (done, part)): sections of all arms, w.movers.start of them,
 and the motion of their bases at the end of a part of a step of which a fraction is done; gives a code."""
+
+
+@inner
+def _start_none(arms: NoArms, like: Stepping) -> None:
+    return
+
+
+@inner
+def _start(arms: ArmTables, like: Stepping) -> None:
+    for i in range(arms.address.shape[0]):
+        clear(view_at(like, arms.address[i]).work.acceleration)
+
+
+start_arms = select_by_type(NoArms, _start_none, _start)
+"""start_arms(arms, like): no acceleration as first guess of a run."""
 
 
 @inner
@@ -238,9 +253,9 @@ def _arms_and_bodies(
 
 
 solve_movers = select_by_type(NoArms, _bodies_alone, _arms_and_bodies)
-"""solve_movers(arms, like, w, h, z0, blame): w.movers.end and the impulses, of arms and bodies together; gives a code.
+"""solve_movers(arms, like, w, h, z0, blame): w.movers.end and the impulses, of arms and bodies together.
 
-z0: internal states of all arms at the start of the step."""
+It gives a code. z0: internal states of all arms at the start of the step."""
 
 
 @inner
@@ -263,8 +278,8 @@ def _set_inputs(
 
 
 set_inputs = select_by_type(NoArms, _keep_inputs, _set_inputs)
-"""set_inputs(arms, like, w, q, pressure, (done, part)): each arm's pressures where its equation holds, in a part
-of a step of which a fraction is done."""
+"""set_inputs(arms, like, w, q, pressure, (done, part)): each arm's pressures where its equation holds, in a
+part of a step of which a fraction is done."""
 
 
 @inner
@@ -315,4 +330,6 @@ def _none_moved(
 
 
 move_arms = select_by_type(NoArms, _none_moved, _moved)
-"""move_arms(arms, like, w, h, (q0, v0, z0), (q1, v1, z1), blame): states at the end of the step; gives a code."""
+"""move_arms(arms, like, w, h, (q0, v0, z0), (q1, v1, z1), blame): states at the end of the step.
+
+It gives a code."""

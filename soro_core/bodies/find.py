@@ -319,7 +319,7 @@ def _arm_side(w: WorldTables, arms: ArmTables, c: int, i: int, s: int) -> None:
 def _add_point(
     R: Array, V: Array, share: float, x: Array, p: Array, v: Array, sign: float, turn: Array
 ) -> None:
-    """v += share of the velocity of x on a section that moves with the body twist V; turn += sign its spin."""
+    """v += share of the velocity of x on a section with the body twist V; turn += sign its spin."""
     w0 = R[0, 0] * V[0] + R[0, 1] * V[1] + R[0, 2] * V[2]
     w1 = R[1, 0] * V[0] + R[1, 1] * V[1] + R[1, 2] * V[2]
     w2 = R[2, 0] * V[0] + R[2, 1] * V[1] + R[2, 2] * V[2]

@@ -1,8 +1,8 @@
-"""Impulses of all contacts of a step: Signorini's condition and Coulomb's cone, by projected Gauss and Seidel.
+"""Impulses of all contacts of a step: Signorini's condition and Coulomb's cone, by projected Gauss-Seidel.
 
 With u the speed at the end of the step and P the impulse on the first side, along the normal n:
-0 <= u_n - bias + P_n / (k h^2)  complementary to  P_n >= 0, and |P_t| <= mu P_n with u_t against P_t where it slips
-and 0 where it does not [A10]. Friction is not relaxed: a point that sticks has no speed, whatever it carries.
+0 <= u_n - bias + P_n / (k h^2)  complementary to  P_n >= 0, and |P_t| <= mu P_n with u_t against P_t where it
+slips and 0 where it does not. Friction is not relaxed: a point that sticks has no speed, whatever it carries.
 """
 
 from __future__ import annotations
@@ -141,7 +141,7 @@ def _solve_one(k: Contacts, c: int, v: Array, change: Array) -> float:
         P[1] = old1 - (d * u1 - b * u2) / det
         P[2] = old2 - (a * u2 - b * u1) / det
         if not P[1] * P[1] + P[2] * P[2] <= limit * limit:
-            # One factor for both directions: only then is friction at the rest of the iteration against the speed.
+            # One factor for both directions: only then does friction end up against the speed.
             largest = 0.5 * (a + d) + math.sqrt(0.25 * (a - d) * (a - d) + b * b)
             P[1], P[2] = old1 - u1 / largest, old2 - u2 / largest
             size = math.sqrt(P[1] * P[1] + P[2] * P[2])

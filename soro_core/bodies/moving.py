@@ -1,8 +1,8 @@
 """Motion of bodies over a step: the velocity without contact, what an impulse adds, and the pose at the end.
 
 The equation of motion holds at the part theta of the step: q_theta = q0 + theta h v0 + (theta h)^2 a and
-q1 = q0 + h v0 + theta h^2 a, with 1/2 (the implicit midpoint) for what touches nothing and 1 (Euler's implicit
-rule) for what may touch. A free body turns by the midpoint rule with Cayley's map, which keeps its angular
+q1 = q0 + h v0 + theta h^2 a, with 1/2 (the implicit midpoint) for what touches nothing and 1 (Euler's
+implicit rule) for what may touch. A free body turns by the midpoint rule with Cayley's map, which keeps its angular
 momentum and its energy.
 """
 
@@ -138,7 +138,7 @@ def body_answers(w: WorldTables, h: float) -> None:
             b = k.side[c, side]
             if b < 0:
                 continue
-            R, hinge = w.now.rotation[b], w.bodies.hinge[b]
+            R = w.now.rotation[b]
             for i in range(3):
                 G, Y = k.G[c, side, i], k.Y[c, side, i]
                 for r in range(Y.shape[0]):
@@ -224,16 +224,16 @@ def _turn_columns(w: WorldTables, axis: Array, angle: float, R: Array, turned: A
 @inner
 def _turn_freely(w: WorldTables, b: int, h: float) -> None:
     """Rotation and spin at the end: I (w1 - w0) + h wm x I wm = 0 in the body, R1 = R0 cay(h wm)."""
-    I, R, R1, spin = w.bodies.inertia[b], w.now.rotation[b], w.then.rotation[b], w.then.twist[b]
+    inertia, R, R1, spin = w.bodies.inertia[b], w.now.rotation[b], w.then.rotation[b], w.then.twist[b]
     a, m = w.points[0], w.points[1]
     for s in range(3):
         a[s] = R[0, s] * spin[0] + R[1, s] * spin[1] + R[2, s] * spin[2]
         m[s] = a[s]
     for _ in range(_ITERATIONS):
         # The middle by fixed point iteration: contracts by h |w|.
-        m0 = a[0] - 0.5 * h * (I[2] - I[1]) / I[0] * m[1] * m[2]
-        m1 = a[1] - 0.5 * h * (I[0] - I[2]) / I[1] * m[2] * m[0]
-        m2 = a[2] - 0.5 * h * (I[1] - I[0]) / I[2] * m[0] * m[1]
+        m0 = a[0] - 0.5 * h * (inertia[2] - inertia[1]) / inertia[0] * m[1] * m[2]
+        m1 = a[1] - 0.5 * h * (inertia[0] - inertia[2]) / inertia[1] * m[2] * m[0]
+        m2 = a[2] - 0.5 * h * (inertia[1] - inertia[0]) / inertia[2] * m[0] * m[1]
         moved = abs(m0 - m[0]) + abs(m1 - m[1]) + abs(m2 - m[2])
         m[0], m[1], m[2] = m0, m1, m2
         if moved <= 1e-15 * (abs(m0) + abs(m1) + abs(m2)):

@@ -1,7 +1,7 @@
 """What the kernels of a world know and write: bodies, arms and contacts as flat arrays.
 
-A *mover* is what contacts move: first the arms, each with its coordinates, then the bodies, each with its twist
-(angular, linear) in the world, about its centre of mass. Rows of movers are padded to one width.
+A *mover* is what contacts move: first the arms, each with its coordinates, then the bodies, each with its
+twist (angular, linear) in the world, about its centre of mass. Rows of movers are padded to one width.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from soro_core.arrays import Array, Integers
 
 BALL, CAPSULE, CYLINDER, BOX, GROUND = 0, 1, 2, 3, 4
 FREE, HINGED, DRIVEN = 0, 1, 2
-# Entries of `BodyTables.hinge`: a point of the axis, its direction, the centre of mass from the point at angle
-# 0 (all in the world), stiffness, damping, least and largest angle, and inertia about the axis.
+# Entries of `BodyTables.hinge`: a point of the axis, its direction, the centre of mass from the point at
+# angle 0 (all in the world), stiffness, damping, least and largest angle, and inertia about the axis.
 POINT, AXIS, ARM, SPRING, DAMPER, LOW, HIGH, ABOUT_AXIS, HINGE_WIDTH = 0, 3, 6, 9, 10, 11, 12, 13, 14
 # Entries of `BodyRows.joint`.
 ANGLE, RATE = 0, 1
 # Largest number of contacts at a time.
 MOST_CONTACTS = 128
-# Entries of a stored contact: its sides (body, or -1 minus the arm), point, normal, force on the first side, gap.
+# Entries of a stored contact: sides (body, or -1 - section), point, normal, force on the first side, gap.
 SIDE_A, SIDE_B, WHERE, NORMAL, FORCE, GAP, CONTACT_WIDTH = 0, 1, 2, 5, 8, 11, 12
 
 
@@ -172,8 +172,8 @@ class WorldTables(NamedTuple):
     """Corners of a body, (8, 3)."""
 
 
-# Rows of `World.points`: ends of a piece and its tangents there, a point on it and its tangent, the normal of a
-# surface in the world and in the body, a point seen from a body, direction towards another body.
+# Rows of `World.points`: ends of a piece and its tangents there, a point on it and its tangent, the normal of
+# a surface in the world and in the body, a point seen from a body, direction towards another body.
 P0, P1, T0, T1, HERE, TANGENT, OUT, LOCAL_OUT, LOCAL, TOWARDS, N_POINTS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
 
 

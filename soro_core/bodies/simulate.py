@@ -168,11 +168,11 @@ def simulate_world(
     q0 : mapping of str to (n_q,), optional
         Coordinates of arms at the start; default straight.
     wrenches : mapping of str to callable or (6,), optional
-        Torque [N m] and force [N] on bodies that are not fixed, in the world, about their centres: constant, or
-        a function of the time, taken in the middle of each step.
+        Torque [N m] and force [N] on bodies that are not fixed, in the world, about their centres: constant,
+        or a function of the time, taken in the middle of each step.
     motions : mapping of str to callable, optional
-        Motion of fixed bodies and of the bases of arms: `BaseState` as a function of time, as a `Shake`, of its
-        displacement and rotation from the pose in the world.
+        Motion of fixed bodies and of the bases of arms: `BaseState` as a function of time, as a `Shake`, of
+        its displacement and rotation from the pose in the world.
 
     Returns
     -------
@@ -239,8 +239,8 @@ def _refuse_unknown(world: BodyWorld, given: Mapping[str, Mapping[str, object]])
         require(values, Mapping, key, "a mapping by name")
         for name in values:
             if name not in allowed[key]:
-                text = f"{key}: got {short(name)}; allowed: {', '.join(allowed[key]) or 'none, there is nothing'}"
-                raise ModelError(text, key)
+                names = ", ".join(allowed[key]) or "none"
+                raise ModelError(f"{key}: got {short(name)}; allowed: {names}", key)
 
 
 def _body_inputs(
@@ -283,7 +283,7 @@ def _run(
     states: tuple[Array, Array, Array],
     bodies: BodyRows,
 ) -> tuple[int, int, Array, tuple[Array, Integers]]:
-    """Run with more room for contacts where it was not enough; gives last row, code, sides to blame, contacts."""
+    """Run, with more room for contacts where it ends; gives last row, code, sides to blame, contacts."""
     times, pressure, inputs, radius = given
     contact, behind = np.zeros((_ROOM, CONTACT_WIDTH)), np.zeros(len(times), dtype=np.int64)
     blame = np.zeros(3)
@@ -310,8 +310,8 @@ def _describe(
     if code == DEEP:
         one, other = (world.side_name(side, built.piece_of) for side in blame[:2])
         return Status(
-            f"{when} {one} and {other} have sunk {-1e3 * blame[2]:.4g} mm into each other, through the thinner one;"
-            " use a smaller dt, or a larger stiffness"
+            f"{when} {one} and {other} have sunk {-1e3 * blame[2]:.4g} mm into each other, through the thinner"
+            " one; use a smaller dt, or a larger stiffness"
         )
     if code == AWAY:
         name = world.side_name(blame[0], built.piece_of)

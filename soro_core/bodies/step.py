@@ -7,7 +7,7 @@ import math
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.arrays import Array, Integers
-from soro_core.bodies.arms import arm_speed, locate_arms, move_arms, set_inputs, solve_movers
+from soro_core.bodies.arms import arm_speed, locate_arms, move_arms, set_inputs, solve_movers, start_arms
 from soro_core.bodies.find import NEAR, find_arm_contacts, find_body_contacts
 from soro_core.bodies.impulses import recall_impulses, set_bias, store_impulses
 from soro_core.bodies.moving import body_answers, free_bodies, move_bodies, start_bodies
@@ -128,9 +128,9 @@ def world_run(
     """Fill rows of arms q, v, z (n_t, ...) and of bodies from their first ones; gives (last good row, code).
 
     `boxes`: the world, its `ArmTables` or `NoArms`, and one of its arms. `given`: times (n_t,), pressures
-    (n_t, 3, n_u), over each step the twists of driven bodies or the wrenches on others (n_t, n_b, 6), radii of the
-    sections, and the least gap at the start. `stored`: contacts (n, CONTACT_WIDTH), behind the last of each step
-    (n_t,), and the sides that are to blame, or the arm (3,).
+    (n_t, 3, n_u), over each step the twists of driven bodies or the wrenches on others (n_t, n_b, 6), radii of
+    the sections, and the least gap at the start. `stored`: contacts (n, CONTACT_WIDTH), behind the last of each
+    step (n_t,), and the sides that are to blame, or the arm (3,).
     """
     w, arms, like = view(boxes[0]), view(boxes[1]), view(boxes[2])
     times, pressure, inputs, radius, least = given
@@ -140,6 +140,8 @@ def world_run(
     q0, v0, z0 = q[0].copy(), v[0].copy(), z[0].copy()
     _assign_bodies(bodies, 0, w.now)
     last_h = 0.0
+    w.contacts.count[1] = 0
+    start_arms(arms, like)
     for k in range(times.shape[0] - 1):
         row = pressure[k]
         if contact.shape[0] - behind[k] < MOST_CONTACTS:
@@ -164,7 +166,7 @@ def world_run(
                     return k, DEEP
                 free_bodies(w, h, inputs[k])
                 set_bias(w.contacts, h, w.movers.stiffness)
-                recall_impulses(w.contacts, h / last_h if last_h > 0.0 else 0.0)
+                recall_impulses(w.contacts, h / last_h if last_h > 0.0 else 1.0)
                 body_answers(w, h)
                 set_inputs(arms, like, w, q0, row, (done, part))
                 code = solve_movers(arms, like, w, h, z0, blame)

@@ -9,7 +9,7 @@ import numpy as np
 
 from soro_core._box import Box, address_of
 from soro_core._jit import kernel
-from soro_core.arrays import Array
+from soro_core.arrays import Array, Integers
 from soro_core.bodies.body import RigidBody
 from soro_core.bodies.records import (
     ABOUT_AXIS,
@@ -118,9 +118,9 @@ class WorldBoxes:
     arms: tuple[SoftArm, ...]
     """As they are computed: alike in what acts on them from outside."""
     steppings: tuple[Box, ...]
-    first_q: Array
-    first_z: Array
-    first_u: Array
+    first_q: Integers
+    first_z: Integers
+    first_u: Integers
     radius: Array
     piece_of: tuple[str, ...]
     """Name of the arm of each section."""

@@ -146,7 +146,7 @@ if numba_config.DISABLE_JIT:
 
     def view_at(like: Any, address: int) -> Any:
         """Return the content at an address, of the same type as `like`."""
-        return ctypes.cast(address, ctypes.py_object).value
+        return ctypes.cast(int(address), ctypes.py_object).value
 
 else:
 

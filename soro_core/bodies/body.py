@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from soro_core.arrays import Array
-from soro_core.bodies.records import BALL, BOX, CAPSULE, CYLINDER, GROUND
+from soro_core.bodies.stepping.records import BALL, BOX, CAPSULE, CYLINDER, GROUND
 from soro_core.config import Strict
 from soro_core.robot.vectors import Quaternion, Vector3
 from soro_core.rotation import matrix_from_quaternion

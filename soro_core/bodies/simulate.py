@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array, Integers
-from soro_core.bodies.arms import SLIDING
-from soro_core.bodies.records import (
+from soro_core.bodies.stepping.arms import SLIDING
+from soro_core.bodies.stepping.records import (
     CONTACT_WIDTH,
     FORCE,
     GAP,
@@ -22,7 +22,7 @@ from soro_core.bodies.records import (
     WHERE,
     BodyRows,
 )
-from soro_core.bodies.step import AWAY, CROWDED, DEEP, FULL, OVERLAP, world_run
+from soro_core.bodies.stepping.step import AWAY, CROWDED, DEEP, FULL, OVERLAP, world_run
 from soro_core.bodies.world import BodyWorld, WorldBoxes, build_world, first_rows
 from soro_core.errors import ModelError, short
 from soro_core.integrate.base_motion import Base, base_rows
@@ -185,15 +185,10 @@ def simulate_world(
         If an argument is not allowed, or bodies overlap at the start.
     """
     require(world, BodyWorld, "world", "a BodyWorld")
-    given = {
-        "pressures": pressures or {},
-        "q0": q0 or {},
-        "wrenches": wrenches or {},
-        "motions": motions or {},
-    }
-    _refuse_unknown(world, given)
-    driven = {name: base for name, base in given["motions"].items() if name in world.bodies}
-    bases = {name: base for name, base in given["motions"].items() if name in world.arms}
+    pressures, wrenches, motions, starts = pressures or {}, wrenches or {}, motions or {}, q0 or {}
+    _refuse_unknown(world, {"pressures": pressures, "q0": starts, "wrenches": wrenches, "motions": motions})
+    driven = {name: base for name, base in motions.items() if name in world.bodies}
+    bases = {name: base for name, base in motions.items() if name in world.arms}
     if bases and len(bases) < len(world.arms):
         still = next(name for name in world.arms if name not in bases)
         raise ModelError(f"motions: {still} has none; allowed are motions of all arms or of none", "motions")
@@ -205,17 +200,17 @@ def simulate_world(
     q, v, z, rows = np.zeros((n, n_q)), np.zeros((n, n_q)), np.zeros((n, n_z)), first_rows(world, n)
     tables = [np.zeros((n, 3, 0))]
     for i, (name, arm) in enumerate(world.arms.items()):
-        table = input_table(given["pressures"].get(name), times, arm.n_u, f"pressures: {name}", name)
+        table = input_table(pressures.get(name), times, arm.n_u, f"pressures: {name}", name)
         refuse_push(arm.robot, table, f"pressures: {name}")
         tables.append(table)
         if name in bases:
             ends = np.append(times[1:], times[-1])
             tables.append(base_rows(bases[name], arm, np.stack((times, 0.5 * (times + ends), ends), axis=1)))
-        if name in given["q0"]:
-            start = finite(shaped(given["q0"][name], (arm.n_q,), f"q0: {name}", name), f"q0: {name}")
+        if name in starts:
+            start = finite(shaped(starts[name], (arm.n_q,), f"q0: {name}", name), f"q0: {name}")
             q[0, built.first_q[i] : built.first_q[i + 1]] = start
-            arm.damping_force(start)  # refuses a collapsed start
-    inputs = _body_inputs(world, times, given["wrenches"], driven, rows)
+            arm.damping_force(start, np.zeros(arm.n_q))  # refuses a collapsed start
+    inputs = _body_inputs(world, times, wrenches, driven, rows)
     run = (times, np.ascontiguousarray(np.concatenate(tables, axis=2)), inputs, built.radius)
     last, code, blame, contacts = _run(built, run, (q, v, z), rows)
     if code == OVERLAP:
@@ -290,7 +285,7 @@ def _run(
     first = 0
     while True:
         part = slice(first, None)
-        rows = tuple(one[part] for one in states)
+        rows = (states[0][part], states[1][part], states[2][part])
         run = (times[part], pressure[part], inputs[part], radius, _TOUCHING if first == 0 else -np.inf)
         kept = (contact, behind[part], blame)
         last, code = world_run(built.boxes, run, rows, BodyRows(*(one[part] for one in bodies)), kept)
@@ -310,8 +305,8 @@ def _describe(
     if code == DEEP:
         one, other = (world.side_name(side, built.piece_of) for side in blame[:2])
         return Status(
-            f"{when} {one} and {other} have sunk {-1e3 * blame[2]:.4g} mm into each other, through the thinner"
-            " one; use a smaller dt, or a larger stiffness"
+            f"{when} {one} and {other} have sunk {-1e3 * blame[2]:.4g} mm into each other, through the"
+            " thinner one; use a smaller dt, or a larger stiffness"
         )
     if code == AWAY:
         name = world.side_name(blame[0], built.piece_of)

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from soro_core._box import Box, address_of
-from soro_core._jit import kernel
+from soro_core._box import Box
 from soro_core.arrays import Array, Integers
 from soro_core.bodies.body import RigidBody
-from soro_core.bodies.records import (
+from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
     ARM,
     AXIS,
@@ -28,6 +27,9 @@ from soro_core.bodies.records import (
     BodyRows,
     BodyTables,
     NoArms,
+    address_in,
+    box_arms,
+    box_no_arms,
     make_world,
 )
 from soro_core.errors import ModelError, short
@@ -112,7 +114,7 @@ class BodyWorld:
 
 @dataclass(frozen=True)
 class WorldBoxes:
-    """What `soro_core.bodies.step.world_run` takes of a world, and keeps alive."""
+    """What `soro_core.bodies.stepping.step.world_run` takes of a world, and keeps alive."""
 
     boxes: tuple[Box, Box, Box]
     arms: tuple[SoftArm, ...]
@@ -191,7 +193,7 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
     counts = [[0, arm.n_q, arm.n_internal, arm.n_u + wider] for arm in arms]
     first = np.cumsum([[0, 0, 0, 0], *counts], axis=0).astype(np.int64)
     if not arms:
-        nothing = _no_arms(NoArms(0))
+        nothing = box_no_arms(NoArms(0))
         return WorldBoxes(
             (box, nothing, nothing), (), (), first[:, 1], first[:, 2], first[:, 3], np.zeros(0), ()
         )
@@ -209,7 +211,7 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
     for k, site in enumerate(sites):
         shape[k, : len(site.shape)] = site.shape
     tables = ArmTables(
-        address=np.array([_address(one) for one in boxes], dtype=np.int64),
+        address=np.array([address_in(one) for one in boxes], dtype=np.int64),
         first_q=first[:, 1],
         first_z=first[:, 2],
         first_u=first[:, 3],
@@ -232,7 +234,7 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
     )
     names = tuple(name for name, k in zip(world.arms, np.diff(first_site), strict=True) for _ in range(k))
     return WorldBoxes(
-        (box, _box_arms(tables), boxes[0]),
+        (box, box_arms(tables), boxes[0]),
         arms,
         boxes,
         first[:, 1],
@@ -262,18 +264,3 @@ def _alike(arms: tuple[SoftArm, ...]) -> tuple[SoftArm, ...]:
         SoftArm(arm.robot.replace(wrench_places=[arm.length]), nodes=arm.nodes) if without else arm
         for arm, without in zip(arms, bare, strict=True)
     )
-
-
-@kernel
-def _no_arms(tables: NoArms) -> Box:
-    return Box(tables)
-
-
-@kernel
-def _box_arms(tables: ArmTables) -> Box:
-    return Box(tables)
-
-
-@kernel
-def _address(box: Box) -> int:
-    return address_of(box)

@@ -9,7 +9,7 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.bodies.records import BALL, BOX, CAPSULE, CYLINDER, GROUND
+from soro_core.bodies.stepping.records import BALL, BOX, CAPSULE, CYLINDER, GROUND
 
 # Below this part of a length, a direction is none.
 _NONE = 1e-9
@@ -25,16 +25,14 @@ def surface_distance(kind: int, size: Array, x: Array, n: Array) -> float:
         return _box_distance(size, x, n)
     if kind == CYLINDER:
         return _cylinder_distance(size, x, n)
-    along = 0.0
-    if kind == CAPSULE:
-        along = min(max(x[2], -size[1]), size[1])
+    along = min(max(x[2], -size[1]), size[1]) if kind == CAPSULE else 0.0
     z = x[2] - along
     d = math.sqrt(x[0] * x[0] + x[1] * x[1] + z * z)
     if d > _NONE * size[0]:
         n[0], n[1], n[2] = x[0] / d, x[1] / d, z / d
     else:
         n[0], n[1], n[2] = 1.0, 0.0, 0.0
-    return d - size[0]
+    return float(d - size[0])
 
 
 @inner
@@ -49,9 +47,9 @@ def _cylinder_distance(size: Array, x: Array, n: Array) -> float:
         return d
     if a > b:
         n[0], n[1], n[2] = ex, ey, 0.0
-        return a
+        return float(a)
     n[0], n[1], n[2] = 0.0, 0.0, up
-    return b
+    return float(b)
 
 
 @inner

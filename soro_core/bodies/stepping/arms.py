@@ -1,8 +1,8 @@
 """Arms over a step of a world: their sections, what an impulse adds, Newton's iteration around the contacts.
 
 An arm is stepped as by the implicit steppers (`soro_core.integrate.newton`), with the part theta of the step
-of `moving`. Its factored system A = M + theta h R + (theta h)^2 K gives what impulses at its contacts add to its
-velocity, A^-1 G' P: the contacts see the arm as it is within the step, with stiffness and damping.
+of `moving`. Its factored system A = M + theta h R + (theta h)^2 K gives what impulses at its contacts add to
+its velocity, A^-1 G' P: the contacts see the arm as it is within the step, with stiffness and damping.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from soro_core._box import view_at
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.bodies.impulses import push, set_blocks, solve_impulses
-from soro_core.bodies.records import ArmTables, NoArms, WorldTables
+from soro_core.bodies.stepping.impulses import push, set_blocks, solve_impulses
+from soro_core.bodies.stepping.records import ArmTables, NoArms, WorldTables
 from soro_core.integrate.air import NO_AIR
 from soro_core.integrate.base_motion import WIDTH, move_base
 from soro_core.integrate.newton import MAX_ITERATIONS, ROUND_OFF, SLOW
@@ -101,8 +101,10 @@ def _locate(
 
 
 locate_arms = select_by_type(NoArms, _nothing, _locate)
-"""locate_arms(arms, like, w, (q, v, z), pressure, (done, part)): sections of all arms, w.movers.start of them,
-and the motion of their bases at the end of a part of a step of which a fraction is done; gives a code."""
+"""locate_arms(arms, like, w, (q, v, z), pressure, (done, part)): sections and w.movers.start of all arms.
+
+It also finds the motion of the bases at the end of a part of a step, a fraction of which is done; gives a
+code."""
 
 
 @inner
@@ -151,7 +153,7 @@ def _bodies_alone(arms: NoArms, like: Stepping, w: WorldTables, h: float, z0: Ar
     for m in range(v.shape[0]):
         assign(w.movers.free[m], v[m])
     set_blocks(k)
-    for c in range(k.count[0]):
+    for c in range(k.counts[0]):
         push(k, c, k.impulse[c], v)
     return GOOD if solve_impulses(w) else SLIDING
 
@@ -193,7 +195,7 @@ def _linearise(
             if not factor(NO_AIR, run, equation, at, YES, secant):
                 return SINGULAR
         k = w.contacts
-        for c in range(k.count[0]):
+        for c in range(k.counts[0]):
             if k.mover[c, 0] == i:
                 for r in range(3):
                     assign(k.G[c, 0, r], k.Y[c, 0, r])
@@ -229,7 +231,7 @@ def _arms_and_bodies(
             assign(w.movers.free[m], end[m])
         if refactor:
             set_blocks(k)
-        for c in range(k.count[0]):
+        for c in range(k.counts[0]):
             push(k, c, k.impulse[c], end)
         if not solve_impulses(w):
             return SLIDING

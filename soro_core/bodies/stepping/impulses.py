@@ -11,11 +11,12 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.bodies.records import Contacts, WorldTables
+from soro_core.bodies.stepping.records import Contacts, WorldTables
 
-# Largest change of a speed [m/s] in the last sweep, and sweeps.
-TOLERANCE = 1e-10
-MOST_SWEEPS = 2000
+# Largest change of a speed [m/s] in the last sweep; what passes after all sweeps, in which forces that no
+# motion tells apart (four feet on a table) drift.
+TOLERANCE, LET_PASS = 1e-9, 1e-7
+MOST_SWEEPS = 1000
 # Slower approach does not bounce [m/s].
 SLOWEST_BOUNCE = 0.01
 
@@ -23,10 +24,10 @@ SLOWEST_BOUNCE = 0.01
 @inner
 def recall_impulses(k: Contacts, ratio: float) -> None:
     """First guess of each impulse: that of the same surfaces in the last step, for a step `ratio` as long."""
-    for c in range(k.count[0]):
+    for c in range(k.counts[0]):
         for r in range(3):
             k.impulse[c, r] = 0.0
-        for o in range(k.count[1]):
+        for o in range(k.counts[1]):
             if k.old_key[o] == k.key[c]:
                 for r in range(3):
                     k.impulse[c, r] = ratio * k.old_impulse[o, r]
@@ -36,8 +37,8 @@ def recall_impulses(k: Contacts, ratio: float) -> None:
 @inner
 def store_impulses(k: Contacts) -> None:
     """Keep the impulses for `recall_impulses`."""
-    k.count[1] = k.count[0]
-    for c in range(k.count[0]):
+    k.counts[1] = k.counts[0]
+    for c in range(k.counts[0]):
         k.old_key[c] = k.key[c]
         for r in range(3):
             k.old_impulse[c, r] = k.impulse[c, r]
@@ -50,7 +51,7 @@ def set_bias(k: Contacts, h: float, stiffness: float) -> None:
     The gap may close within the step and not more; what is closed opens within it. What bounces has the speed
     of the bounce instead.
     """
-    for c in range(k.count[0]):
+    for c in range(k.counts[0]):
         approach = -k.bias[c]
         bias = -k.gap[c] / h
         k.soft[c] = 1.0 / (stiffness * h * h)
@@ -63,7 +64,7 @@ def set_bias(k: Contacts, h: float, stiffness: float) -> None:
 @inner
 def set_blocks(k: Contacts) -> None:
     """k.D <- G Y of each contact."""
-    for c in range(k.count[0]):
+    for c in range(k.counts[0]):
         for i in range(3):
             for j in range(3):
                 total = 0.0
@@ -89,7 +90,7 @@ def push(k: Contacts, c: int, change: Array, v: Array) -> None:
 @inner
 def contact_speed(k: Contacts, c: int, i: int, v: Array) -> float:
     """Speed along axis i of the frame of contact c."""
-    total = k.given[c, i]
+    total = float(k.given[c, i])
     for side in range(2):
         m = k.mover[c, side]
         if m >= 0:
@@ -105,15 +106,16 @@ def solve_impulses(w: WorldTables) -> bool:
     `movers.end` has those with the impulses of the guess.
     """
     k, v = w.contacts, w.movers.end
-    n = k.count[0]
+    n = k.counts[0]
     change = w.points[0]
+    worst = 0.0
     for _ in range(MOST_SWEEPS):
         worst = 0.0
         for c in range(n):
             worst = max(worst, _solve_one(k, c, v, change))
         if worst < TOLERANCE:
             return True
-    return n == 0
+    return worst < LET_PASS
 
 
 @inner

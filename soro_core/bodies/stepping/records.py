@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from soro_core._box import Box
+from soro_core._box import Box, address_of
 from soro_core._jit import kernel
 from soro_core.arrays import Array, Integers
 
@@ -119,7 +119,7 @@ class Movers(NamedTuple):
 class Contacts(NamedTuple):
     """Contacts of a step, their number first."""
 
-    count: Integers
+    counts: Integers
     """(1,), and behind it the number of those of the step before: (2,)."""
     key: Integers
     """Which surfaces: equal from step to step."""
@@ -226,3 +226,21 @@ def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[
         np.zeros((n_b, 2)),
     )
     return Box(WorldTables(bodies, now, then, movers, contacts, np.zeros((N_POINTS, 3)), np.zeros((8, 3))))
+
+
+@kernel
+def box_no_arms(tables: NoArms) -> Box:
+    """Tables of a world without arms in a box."""
+    return Box(tables)
+
+
+@kernel
+def box_arms(tables: ArmTables) -> Box:
+    """Tables of arms in a box."""
+    return Box(tables)
+
+
+@kernel
+def address_in(box: Box) -> int:
+    """Address of what is in a box."""
+    return int(address_of(box))

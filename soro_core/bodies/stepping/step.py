@@ -7,11 +7,18 @@ import math
 from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.arrays import Array, Integers
-from soro_core.bodies.arms import arm_speed, locate_arms, move_arms, set_inputs, solve_movers, start_arms
-from soro_core.bodies.find import NEAR, find_arm_contacts, find_body_contacts
-from soro_core.bodies.impulses import recall_impulses, set_bias, store_impulses
-from soro_core.bodies.moving import body_answers, free_bodies, move_bodies, start_bodies
-from soro_core.bodies.records import (
+from soro_core.bodies.stepping.arms import (
+    arm_speed,
+    locate_arms,
+    move_arms,
+    set_inputs,
+    solve_movers,
+    start_arms,
+)
+from soro_core.bodies.stepping.find import NEAR, find_arm_contacts, find_body_contacts
+from soro_core.bodies.stepping.impulses import recall_impulses, set_bias, store_impulses
+from soro_core.bodies.stepping.moving import body_answers, free_bodies, move_bodies, start_bodies
+from soro_core.bodies.stepping.records import (
     BOX,
     CYLINDER,
     DRIVEN,
@@ -69,7 +76,7 @@ def thickness(kind: int, size: Array) -> float:
 def _sunk(w: WorldTables, radius: Array, blame: Array) -> bool:
     """Whether surfaces have passed through each other; blame (3,) <- sides of the contact, and gap."""
     k, t = w.contacts, w.bodies
-    for c in range(k.count[0]):
+    for c in range(k.counts[0]):
         if k.side[c, 1] == NOBODY:
             continue
         limit = math.inf
@@ -87,7 +94,7 @@ def _overlap(w: WorldTables, least: float, blame: Array) -> bool:
     """Whether a gap is below the least; blame (3,) <- sides of the contact with the smallest gap, and gap."""
     k = w.contacts
     blame[2] = least
-    for c in range(k.count[0]):
+    for c in range(k.counts[0]):
         if k.side[c, 1] != NOBODY and k.gap[c] < blame[2]:
             blame[0], blame[1], blame[2] = k.side[c, 0], k.side[c, 1], k.gap[c]
     return bool(blame[2] < least)
@@ -97,7 +104,7 @@ def _overlap(w: WorldTables, least: float, blame: Array) -> bool:
 def _find(arms: object, w: WorldTables, h: float) -> bool:
     """w.contacts <- those that may close within h, and w.movers.theta; False if there are too many."""
     k, m = w.contacts, w.movers
-    k.count[0] = 0
+    k.counts[0] = 0
     fastest = arm_speed(arms, w)
     for b in range(w.bodies.kind.shape[0]):
         square, spin = 0.0, 0.0
@@ -110,7 +117,7 @@ def _find(arms: object, w: WorldTables, h: float) -> bool:
         return False
     for i in range(m.theta.shape[0]):
         m.theta[i] = 0.5
-    for c in range(k.count[0]):
+    for c in range(k.counts[0]):
         for side in range(2):
             if k.mover[c, side] >= 0:
                 m.theta[k.mover[c, side]] = 1.0
@@ -128,9 +135,9 @@ def world_run(
     """Fill rows of arms q, v, z (n_t, ...) and of bodies from their first ones; gives (last good row, code).
 
     `boxes`: the world, its `ArmTables` or `NoArms`, and one of its arms. `given`: times (n_t,), pressures
-    (n_t, 3, n_u), over each step the twists of driven bodies or the wrenches on others (n_t, n_b, 6), radii of
-    the sections, and the least gap at the start. `stored`: contacts (n, CONTACT_WIDTH), behind the last of each
-    step (n_t,), and the sides that are to blame, or the arm (3,).
+    (n_t, 3, n_u), over each step the twists of driven bodies or the wrenches on others (n_t, n_b, 6), radii
+    of the sections, and the least gap at the start. `stored`: contacts (n, CONTACT_WIDTH), behind the last of
+    each step (n_t,), and the sides that are to blame, or the arm (3,).
     """
     w, arms, like = view(boxes[0]), view(boxes[1]), view(boxes[2])
     times, pressure, inputs, radius, least = given
@@ -140,7 +147,7 @@ def world_run(
     q0, v0, z0 = q[0].copy(), v[0].copy(), z[0].copy()
     _assign_bodies(bodies, 0, w.now)
     last_h = 0.0
-    w.contacts.count[1] = 0
+    w.contacts.counts[1] = 0
     start_arms(arms, like)
     for k in range(times.shape[0] - 1):
         row = pressure[k]
@@ -207,7 +214,7 @@ def world_run(
 def _store_contacts(w: WorldTables, h: float, contact: Array, n: int) -> int:
     """Append the contacts that carry to contact from row n; gives the row behind them."""
     k = w.contacts
-    for c in range(k.count[0]):
+    for c in range(k.counts[0]):
         P = k.impulse[c]
         if P[0] == 0.0 or k.side[c, 1] == NOBODY:
             continue

@@ -2,8 +2,8 @@
 
 The equation of motion holds at the part theta of the step: q_theta = q0 + theta h v0 + (theta h)^2 a and
 q1 = q0 + h v0 + theta h^2 a, with 1/2 (the implicit midpoint) for what touches nothing and 1 (Euler's
-implicit rule) for what may touch. A free body turns by the midpoint rule with Cayley's map, which keeps its angular
-momentum and its energy.
+implicit rule) for what may touch. A free body turns by the midpoint rule with Cayley's map, which keeps its
+angular momentum and its energy.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.bodies.records import (
+from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
     ANGLE,
     ARM,
@@ -46,12 +46,10 @@ def _weight_torque(w: WorldTables, b: int, angle: float, arm: Array) -> float:
     hinge, g = w.bodies.hinge[b], w.bodies.gravity
     axis = hinge[AXIS : AXIS + 3]
     turn_about(axis, angle, hinge[ARM : ARM + 3], arm)
-    m = w.bodies.mass[b]
-    return m * (
-        axis[0] * (arm[1] * g[2] - arm[2] * g[1])
-        + axis[1] * (arm[2] * g[0] - arm[0] * g[2])
-        + axis[2] * (arm[0] * g[1] - arm[1] * g[0])
-    )
+    turn = axis[0] * (arm[1] * g[2] - arm[2] * g[1])
+    turn += axis[1] * (arm[2] * g[0] - arm[0] * g[2])
+    turn += axis[2] * (arm[0] * g[1] - arm[1] * g[0])
+    return float(w.bodies.mass[b] * turn)
 
 
 @inner
@@ -133,7 +131,7 @@ def body_answers(w: WorldTables, h: float) -> None:
     """k.Y of the sides that are bodies."""
     k, t = w.contacts, w.bodies
     first = w.movers.start.shape[0] - t.kind.shape[0]
-    for c in range(k.count[0]):
+    for c in range(k.counts[0]):
         for side in range(2):
             b = k.side[c, side]
             if b < 0:

@@ -11,7 +11,7 @@ import math
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.bodies.records import (
+from soro_core.bodies.stepping.records import (
     ANGLE,
     AXIS,
     BALL,
@@ -35,7 +35,7 @@ from soro_core.bodies.records import (
     NoArms,
     WorldTables,
 )
-from soro_core.bodies.surfaces import corners, edge, skin, surface_distance
+from soro_core.bodies.stepping.surfaces import corners, edge, skin, surface_distance
 
 # Gap [m] below which a contact is solved for, beside what the motion of a step closes.
 NEAR = 2e-4
@@ -70,7 +70,7 @@ def _slope(w: WorldTables, b: int, t: float, taper: float) -> float:
         x[r] += t * s * (s * t0[r] - t * t1[r])
         along[r] = 6.0 * t * s * (p1[r] - p0[r]) + s * (1.0 - 3.0 * t) * t0[r] - t * (2.0 - 3.0 * t) * t1[r]
     distance(w, b, x)
-    return along[0] * out[0] + along[1] * out[1] + along[2] * out[2] - taper
+    return float(along[0] * out[0] + along[1] * out[1] + along[2] * out[2] - taper)
 
 
 @inner
@@ -136,7 +136,7 @@ def body_side(w: WorldTables, c: int, side: int, b: int) -> None:
 def open_contact(w: WorldTables, key: int, radius: float, gap: float) -> int:
     """Write a contact at w.points[HERE], `radius` below the surface of the first side, behind the last."""
     k = w.contacts
-    c = k.count[0]
+    c = int(k.counts[0])
     if c == MOST_CONTACTS:
         return c
     out, x = w.points[OUT], w.points[HERE]
@@ -162,7 +162,7 @@ def keep_contact(w: WorldTables, c: int, h: float) -> bool:
             for j in range(row.shape[0]):
                 speed += k.G[c, side, 0, j] * row[j]
     if k.gap[c] < NEAR + 2.0 * h * max(-speed, 0.0):
-        k.count[0] = c + 1
+        k.counts[0] = c + 1
         k.bias[c] = speed
     return True
 
@@ -262,7 +262,7 @@ def _find_limits(w: WorldTables, b: int, h: float) -> bool:
         gap = way * (angle - hinge[LOW + end])
         if not gap < math.inf:
             continue
-        c = k.count[0]
+        c = k.counts[0]
         if c == MOST_CONTACTS:
             return False
         k.key[c], k.gap[c] = -1 - 2 * b - end, gap

@@ -214,7 +214,7 @@ def simulate_world(
     run = (times, np.ascontiguousarray(np.concatenate(tables, axis=2)), inputs, built.radius)
     last, code, blame, contacts = _run(built, run, (q, v, z), rows)
     if code == OVERLAP:
-        names = [world.side_name(side, built.piece_of) for side in blame[:2]]
+        names = [world.side_name(side, built.piece_of) for side in sorted(blame[:2])]
         text = f"{names[0]} and {names[1]} overlap at the start by {-1e3 * blame[2]:.4g} mm"
         raise ModelError(f"{text}; allowed are surfaces that do not", names[0])
     status = _describe(code, world, built, (times[last], q[last]), blame)
@@ -303,7 +303,7 @@ def _describe(
     if code == GOOD:
         return OK
     if code == DEEP:
-        one, other = (world.side_name(side, built.piece_of) for side in blame[:2])
+        one, other = (world.side_name(side, built.piece_of) for side in sorted(blame[:2]))
         return Status(
             f"{when} {one} and {other} have sunk {-1e3 * blame[2]:.4g} mm into each other, through the"
             " thinner one; use a smaller dt, or a larger stiffness"

@@ -92,7 +92,7 @@ def _locate(
         for r in range(3):
             arms.base_place[i, r] = run.tables.base_position[r]
         for b in range(start.shape[1]):
-            start[i, b] = v[first + b] if first + b < behind else 0.0
+            start[i, b] = w.movers.free[i, b] = v[first + b] if first + b < behind else 0.0
         for s in range(arms.first_site[i], arms.first_site[i + 1]):
             site = Site(arms.link[s], arms.place[s], arms.whole[s], arms.step[s], arms.shape[s], arms.rest[s])
             section = CrossSection(arms.R[s], arms.p[s], arms.columns[s, : behind - first])
@@ -101,7 +101,7 @@ def _locate(
 
 
 locate_arms = select_by_type(NoArms, _nothing, _locate)
-"""locate_arms(arms, like, w, (q, v, z), pressure, (done, part)): sections and w.movers.start of all arms.
+"""locate_arms(arms, like, w, (q, v, z), pressure, (done, part)): sections, and velocities in w.movers.
 
 It also finds the motion of the bases at the end of a part of a step, a fraction of which is done; gives a
 code."""
@@ -152,7 +152,7 @@ def _bodies_alone(arms: NoArms, like: Stepping, w: WorldTables, h: float, z0: Ar
     k, v = w.contacts, w.movers.end
     for m in range(v.shape[0]):
         assign(w.movers.free[m], v[m])
-    set_blocks(k)
+    set_blocks(k, w.movers.stiffness, h)
     for c in range(k.counts[0]):
         push(k, c, k.impulse[c], v)
     return GOOD if solve_impulses(w) else SLIDING
@@ -230,7 +230,7 @@ def _arms_and_bodies(
         for m in range(n_a, end.shape[0]):
             assign(w.movers.free[m], end[m])
         if refactor:
-            set_blocks(k)
+            set_blocks(k, w.movers.stiffness, h)
         for c in range(k.counts[0]):
             push(k, c, k.impulse[c], end)
         if not solve_impulses(w):

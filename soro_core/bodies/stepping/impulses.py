@@ -1,8 +1,10 @@
 """Impulses of all contacts of a step: Signorini's condition and Coulomb's cone, by projected Gauss-Seidel.
 
 With u the speed at the end of the step and P the impulse on the first side, along the normal n:
-0 <= u_n - bias + P_n / (k h^2)  complementary to  P_n >= 0, and |P_t| <= mu P_n with u_t against P_t where it
-slips and 0 where it does not. Friction is not relaxed: a point that sticks has no speed, whatever it carries.
+0 <= u_n - bias + soft P_n  complementary to  P_n >= 0, and |P_t| <= mu P_n with u_t against P_t where it
+slips and 0 where it does not. The spring k of a contact, with its damper c, acts at the end of the step:
+P = -h (k (gap + h u_n) + c u_n) is bias = -gap / (h + c/k) and soft = 1 / (k h (h + c/k)). Friction is not
+relaxed: a point that sticks has no speed, whatever it carries.
 """
 
 from __future__ import annotations
@@ -17,8 +19,10 @@ from soro_core.bodies.stepping.records import Contacts, WorldTables
 # motion tells apart (four feet on a table) drift.
 TOLERANCE, LET_PASS = 1e-9, 1e-7
 MOST_SWEEPS = 1000
-# Slower approach does not bounce [m/s].
-SLOWEST_BOUNCE = 0.01
+# Slower approach does not bounce, or is no impact [m/s].
+SLOWEST_BOUNCE, SLOWEST_IMPACT = 0.01, 1e-3
+# Deeper surfaces [m] have met before.
+CLOSED = 1e-7
 
 
 @inner
@@ -45,25 +49,25 @@ def store_impulses(k: Contacts) -> None:
 
 
 @inner
-def set_bias(k: Contacts, h: float, stiffness: float) -> None:
-    """k.bias <- least normal speed, from the normal speed at the start that it holds; k.soft.
+def meet(w: WorldTables, h: float) -> None:
+    """k.bias <- least normal speed at the end of the step, from that at its start, and k.hard.
 
-    The gap may close within the step and not more; what is closed opens within it. What bounces has the speed
-    of the bounce instead.
+    What comes near fast is stopped at the surface within the step, or bounces; k.soft stays 0 for it.
     """
+    k = w.contacts
     for c in range(k.counts[0]):
         approach = -k.bias[c]
-        bias = -k.gap[c] / h
-        k.soft[c] = 1.0 / (stiffness * h * h)
-        if k.restitution[c] > 0.0 and approach > SLOWEST_BOUNCE and k.gap[c] < h * approach:
-            bias = max(bias, k.restitution[c] * approach)
-            k.soft[c] = 0.0
-        k.bias[c] = bias
+        k.bias[c] = -k.gap[c] / h
+        k.hard[c] = approach > SLOWEST_IMPACT and -CLOSED < k.gap[c] < h * approach
+        if k.hard[c] and k.restitution[c] > 0.0 and approach > SLOWEST_BOUNCE:
+            # With what gravity takes within the step, so that a bounce gains no energy.
+            given = contact_speed(k, c, 0, w.movers.free) - contact_speed(k, c, 0, w.movers.start)
+            k.bias[c] = max(k.bias[c], k.restitution[c] * approach + given)
 
 
 @inner
-def set_blocks(k: Contacts) -> None:
-    """k.D <- G Y of each contact."""
+def set_blocks(k: Contacts, stiffness: float, h: float) -> None:
+    """k.D <- G Y of each contact; k.soft and k.bias of those that rest."""
     for c in range(k.counts[0]):
         for i in range(3):
             for j in range(3):
@@ -73,6 +77,12 @@ def set_blocks(k: Contacts) -> None:
                         for b in range(k.G.shape[3]):
                             total += k.G[c, side, i, b] * k.Y[c, side, j, b]
                 k.D[c, i, j] = total
+        k.soft[c] = 0.0
+        if not k.hard[c] and k.D[c, 0, 0] > 0.0:
+            # Critical damping of the mass that the contact sees.
+            longer = h + 2.0 / math.sqrt(stiffness * k.D[c, 0, 0])
+            k.soft[c] = 1.0 / (stiffness * h * longer)
+            k.bias[c] = -k.gap[c] / (longer if k.gap[c] < 0.0 else h)
 
 
 @inner

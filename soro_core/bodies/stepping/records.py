@@ -12,7 +12,7 @@ import numpy as np
 
 from soro_core._box import Box, address_of
 from soro_core._jit import kernel
-from soro_core.arrays import Array, Integers
+from soro_core.arrays import Array, Flags, Integers
 
 BALL, CAPSULE, CYLINDER, BOX, GROUND = 0, 1, 2, 3, 4
 FREE, HINGED, DRIVEN = 0, 1, 2
@@ -145,8 +145,10 @@ class Contacts(NamedTuple):
     """Speed of the contact per impulse on it, (n, 3, 3)."""
     bias: Array
     """Least normal speed at the end of the step, (n,)."""
+    hard: Flags
+    """Impacts, (n,)."""
     soft: Array
-    """Share of it that a normal impulse takes away, 1/(k h^2), (n,)."""
+    """Share of the bias that a normal impulse takes away, (n,)."""
     impulse: Array
     """Along the frame [N s], (n, 3)."""
     old_key: Integers
@@ -208,6 +210,7 @@ def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[
         np.zeros((most, 2, 3, width)),
         np.zeros((most, 3, 3)),
         np.zeros(most),
+        np.zeros(most, dtype=np.bool_),
         np.zeros(most),
         np.zeros((most, 3)),
         np.zeros(most, dtype=np.int64),

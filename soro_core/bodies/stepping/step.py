@@ -16,7 +16,7 @@ from soro_core.bodies.stepping.arms import (
     start_arms,
 )
 from soro_core.bodies.stepping.find import NEAR, find_arm_contacts, find_body_contacts
-from soro_core.bodies.stepping.impulses import recall_impulses, set_bias, store_impulses
+from soro_core.bodies.stepping.impulses import meet, recall_impulses, store_impulses
 from soro_core.bodies.stepping.moving import body_answers, free_bodies, move_bodies, start_bodies
 from soro_core.bodies.stepping.records import (
     BOX,
@@ -172,7 +172,7 @@ def world_run(
                 if _sunk(w, radius, blame):
                     return k, DEEP
                 free_bodies(w, h, inputs[k])
-                set_bias(w.contacts, h, w.movers.stiffness)
+                meet(w, h)
                 recall_impulses(w.contacts, h / last_h if last_h > 0.0 else 1.0)
                 body_answers(w, h)
                 set_inputs(arms, like, w, q0, row, (done, part))

@@ -33,7 +33,7 @@ def fingers(n=3, radius=0.035, **changes):
     return arms
 
 
-def grip(shape=None, arms=None, friction=0.6, **keys):
+def grip(shape=None, arms=None, friction=0.8, **keys):
     """Three fingers around an object at z = -60 mm, and a table below it."""
     shape = shape or BallShape(radius=0.016)
     half = shape.radius if isinstance(shape, BallShape) else 0.5 * shape.length
@@ -54,7 +54,7 @@ def lowered(t):
     return BaseState(displacement=[0.0, 0.0, -0.02 * min(max(t - 1.0, 0.0), 2.0)])
 
 
-def close(world, pressure=90e3):
+def close(world, pressure=60e3):
     """Pressures that close all fingers within 0.6 s."""
     return {name: lambda t: np.array([pressure * min(t / 0.6, 1.0), 0.0, 0.0]) for name in world.arms}
 

@@ -152,7 +152,6 @@ def simulate_world(
     t_end: float = 1.0,
     dt: float = 1e-3,
     pressures: Mapping[str, Input] | None = None,
-    q0: Mapping[str, ArrayLike] | None = None,
     wrenches: Mapping[str, Input] | None = None,
     motions: Mapping[str, Base] | None = None,
 ) -> WorldResult:
@@ -165,8 +164,6 @@ def simulate_world(
         Duration and time step [s]; the last step is shorter if dt does not divide t_end.
     pressures : mapping of str to callable, (n_u,) or (n_t, 3, n_u), optional
         Inputs of each arm, as `pressure` of `soro_core.integrate.simulate`; default 0.
-    q0 : mapping of str to (n_q,), optional
-        Coordinates of arms at the start; default straight.
     wrenches : mapping of str to callable or (6,), optional
         Torque [N m] and force [N] on bodies that are not fixed, in the world, about their centres: constant,
         or a function of the time, taken in the middle of each step.
@@ -185,7 +182,7 @@ def simulate_world(
         If an argument is not allowed, or bodies overlap at the start.
     """
     require(world, BodyWorld, "world", "a BodyWorld")
-    pressures, wrenches, motions, starts = pressures or {}, wrenches or {}, motions or {}, q0 or {}
+    pressures, wrenches, motions, starts = pressures or {}, wrenches or {}, motions or {}, world.q0
     _refuse_unknown(world, {"pressures": pressures, "q0": starts, "wrenches": wrenches, "motions": motions})
     driven = {name: base for name, base in motions.items() if name in world.bodies}
     bases = {name: base for name, base in motions.items() if name in world.arms}
@@ -218,7 +215,7 @@ def simulate_world(
         text = f"{names[0]} and {names[1]} overlap at the start by {-1e3 * blame[2]:.4g} mm"
         raise ModelError(f"{text}; allowed are surfaces that do not", names[0])
     status = _describe(code, world, built, (times[last], q[last]), blame)
-    return _result(world, built, times[: last + 1], (q, v, z), rows, contacts, status)
+    return _result(world, built, (times[: last + 1], q, v, z), rows, contacts, status)
 
 
 def _refuse_unknown(world: BodyWorld, given: Mapping[str, Mapping[str, object]]) -> None:
@@ -316,7 +313,7 @@ def _describe(
     if code == SLIDING:
         return Status(f"{when} the impulses at the contacts did not converge; use a smaller dt or stiffness")
     if built.arms and q.size:
-        i = int(blame[0])
+        i = int(built.failed[0])
         status = describe_at(code, built.arms[i], q[built.first_q[i] : built.first_q[i + 1]])
         return Status(status.replace("failed:", f"{when} arm {list(world.arms)[i]}:"))
     return Status(f"{when} a wrench or a pressure is not finite")
@@ -325,12 +322,13 @@ def _describe(
 def _result(
     world: BodyWorld,
     built: WorldBoxes,
-    times: Array,
-    states: tuple[Array, Array, Array],
+    states: tuple[Array, Array, Array, Array],
     rows: BodyRows,
     contacts: tuple[Array, Integers],
     status: Status,
 ) -> WorldResult:
+    """Sort the rows by name; `states`: times, which end the run, and rows q, v, z of all arms."""
+    times, q, v, z = states
     n = len(times)
     contact, behind = contacts
     contact = contact[: behind[n - 1]]
@@ -346,7 +344,6 @@ def _result(
     def by_body(values: Array) -> dict[str, Array]:
         return {name: values[:n, b] for b, name in enumerate(world.bodies)}
 
-    q, v, z = states
     return WorldResult(
         t=times,
         place=by_body(rows.place),

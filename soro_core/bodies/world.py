@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from soro_core._box import Box
 from soro_core.arrays import Array, Integers
@@ -56,6 +57,8 @@ class BodyWorld:
     arms : mapping of str to SoftArm
         By name, each on the base of its robot file; not of the method `mde`. What a robot file has besides
         (contacts, tip constraint) acts as without bodies.
+    q0 : mapping of str to (n_q,)
+        Coordinates of arms at the start; the others are straight.
     gravity : (3,)
         Of the bodies [m/s^2]; arms have their own.
     stiffness : float
@@ -73,6 +76,7 @@ class BodyWorld:
 
     bodies: Mapping[str, RigidBody]
     arms: Mapping[str, SoftArm] = field(default_factory=dict)
+    q0: Mapping[str, ArrayLike] = field(default_factory=dict)
     gravity: Sequence[float] = _EARTH
     stiffness: float = 5e4
     points_per_link: int = 6
@@ -126,6 +130,8 @@ class WorldBoxes:
     radius: Array
     piece_of: tuple[str, ...]
     """Name of the arm of each section."""
+    failed: Integers
+    """The arm that has failed, (1,)."""
 
 
 def body_tables(world: BodyWorld) -> BodyTables:
@@ -193,10 +199,8 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
     counts = [[0, arm.n_q, arm.n_internal, arm.n_u + wider] for arm in arms]
     first = np.cumsum([[0, 0, 0, 0], *counts], axis=0).astype(np.int64)
     if not arms:
-        nothing = box_no_arms(NoArms(0))
-        return WorldBoxes(
-            (box, nothing, nothing), (), (), first[:, 1], first[:, 2], first[:, 3], np.zeros(0), ()
-        )
+        nothing, none = box_no_arms(NoArms(0)), np.zeros(1, dtype=np.int64)
+        return WorldBoxes((box, nothing, nothing), (), (), none, none, none, np.zeros(0), (), none)
     boxes = tuple(stepping(arm, base=bases.get(name)) for name, arm in zip(world.arms, arms, strict=True))
     sites, radius, first_site = [], [], [0]
     for arm in arms:
@@ -228,6 +232,7 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
         columns=np.zeros((n, width, 6)),
         residual=np.zeros((len(arms), width)),
         change=np.zeros(len(arms)),
+        failed=np.zeros(1, dtype=np.int64),
         no_wrench=np.zeros(6 * (1 + max(len(arm.robot.wrench_places) for arm in arms))),
         base_twist=np.zeros((len(arms), 6)),
         base_place=np.zeros((len(arms), 3)),
@@ -242,6 +247,7 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
         first[:, 3],
         tables.radius,
         names,
+        tables.failed,
     )
 
 

@@ -30,6 +30,8 @@ from soro_core.model.tables import BaseMotion, FixedBase, Site
 
 # Code of contacts whose impulses do not converge, beside those of the steppers.
 SLIDING = 35
+# How an arm's system is factored: as it was, with the derivative of friction, or with its secant.
+KEPT, BY_TANGENT, BY_SECANT = 0, 1, 2
 # Largest error of a step of q relative to its scale.
 ARM_TOLERANCE = 1e-9
 
@@ -148,7 +150,7 @@ arm_speed = select_by_type(NoArms, _no_speed, _speed)
 
 
 @inner
-def _bodies_alone(arms: NoArms, like: Stepping, w: WorldTables, h: float, z0: Array, blame: Array) -> int:
+def _bodies_alone(arms: NoArms, like: Stepping, w: WorldTables, h: float) -> int:
     k, v = w.contacts, w.movers.end
     for m in range(v.shape[0]):
         assign(w.movers.free[m], v[m])
@@ -169,10 +171,8 @@ def _begin_arm(arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float)
 
 
 @inner
-def _linearise(
-    arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float, z0: Array, refactor: bool, rate: float
-) -> int:
-    """arms.residual[i] <- A^-1 of the forces without contact; w.contacts.Y of the arm, when factored."""
+def _linearise(arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float, anew: int) -> int:
+    """arms.residual[i] <- A^-1 of the forces without contact; where factored anew, w.contacts.Y of it."""
     t, work = run.tables, run.work
     theta = w.movers.theta[i]
     n, c_v = work.q_start.shape[0], theta * h
@@ -185,10 +185,10 @@ def _linearise(
     code = check(t, q, v)
     if code != GOOD:
         return code
-    advance_internal(t, z0, (w.movers.start[i, :n], v), c_v, z, work.tangent)
-    if refactor:
+    advance_internal(t, work.z_start, (w.movers.start[i, :n], v), c_v, z, work.tangent)
+    if anew != KEPT:
         equation = StageEquation(c_q, c_v, c_v, ARM_TOLERANCE, 1)
-        secant = 0.0 if rate < 1.0 else 1.0
+        secant = 1.0 if anew == BY_SECANT else 0.0
         force_residual(run, work.system, at, arms.no_wrench, YES)
         if not factor(NO_AIR, run, equation, at, NO, secant):
             force_residual(run, work.system, at, arms.no_wrench, YES)
@@ -208,28 +208,24 @@ def _linearise(
 
 
 @inner
-def _arms_and_bodies(
-    arms: ArmTables, like: Stepping, w: WorldTables, h: float, z0: Array, blame: Array
-) -> int:
+def _arms_and_bodies(arms: ArmTables, like: Stepping, w: WorldTables, h: float) -> int:
     k, end, start = w.contacts, w.movers.end, w.movers.start
     n_a = arms.address.shape[0]
-    rate = math.inf
-    refactor = True
+    anew = BY_SECANT
     for i in range(n_a):
         _begin_arm(arms, i, view_at(like, arms.address[i]), w, h)
     for sweep in range(MAX_ITERATIONS):
         for i in range(n_a):
             run = view_at(like, arms.address[i])
-            z = z0[arms.first_z[i] : arms.first_z[i + 1]]
-            blame[0] = i
-            code = _linearise(arms, i, run, w, h, z, refactor, rate)
+            arms.failed[0] = i
+            code = _linearise(arms, i, run, w, h, anew)
             if code != GOOD:
                 return code
             for b in range(run.work.q_start.shape[0]):
                 end[i, b] = start[i, b] + h * (run.work.acceleration[b] + arms.residual[i, b])
         for m in range(n_a, end.shape[0]):
             assign(w.movers.free[m], end[m])
-        if refactor:
+        if anew != KEPT:
             set_blocks(k, w.movers.stiffness, h)
         for c in range(k.counts[0]):
             push(k, c, k.impulse[c], end)
@@ -250,38 +246,50 @@ def _arms_and_bodies(
             arms.change[i] = change
         if done:
             return GOOD
-        refactor = sweep > 0 and rate > SLOW
+        anew = KEPT
+        if sweep > 0 and rate > SLOW:
+            anew = BY_SECANT if rate >= 1.0 else BY_TANGENT
     return NOT_CONVERGED
 
 
 solve_movers = select_by_type(NoArms, _bodies_alone, _arms_and_bodies)
-"""solve_movers(arms, like, w, h, z0, blame): w.movers.end and the impulses, of arms and bodies together.
-
-It gives a code. z0: internal states of all arms at the start of the step."""
+"""solve_movers(arms, like, w, h): w.movers.end and impulses, of arms and bodies together; gives a code."""
 
 
 @inner
 def _keep_inputs(
-    arms: NoArms, like: Stepping, w: WorldTables, q: Array, pressure: Array, fraction: tuple[float, float]
+    arms: NoArms,
+    like: Stepping,
+    w: WorldTables,
+    rows: tuple[Array, Array, Array],
+    pressure: Array,
+    fraction: tuple[float, float],
 ) -> None:
     return
 
 
 @inner
 def _set_inputs(
-    arms: ArmTables, like: Stepping, w: WorldTables, q: Array, pressure: Array, fraction: tuple[float, float]
+    arms: ArmTables,
+    like: Stepping,
+    w: WorldTables,
+    rows: tuple[Array, Array, Array],
+    pressure: Array,
+    fraction: tuple[float, float],
 ) -> None:
     done, part = fraction
+    q, _, z = rows
     for i in range(arms.address.shape[0]):
         run = view_at(like, arms.address[i])
         assign(q[arms.first_q[i] : arms.first_q[i + 1]], run.work.q_start)
+        assign(z[arms.first_z[i] : arms.first_z[i + 1]], run.work.z_start)
         own = pressure[:, arms.first_u[i] : arms.first_u[i + 1]]
         interpolate(own, done + w.movers.theta[i] * part, run.work.stage_pressure)
 
 
 set_inputs = select_by_type(NoArms, _keep_inputs, _set_inputs)
-"""set_inputs(arms, like, w, q, pressure, (done, part)): each arm's pressures where its equation holds, in a
-part of a step of which a fraction is done."""
+"""set_inputs(arms, like, w, (q, v, z), pressure, (done, part)): each arm's state at the start, and its
+pressures where its equation holds, in a part of a step of which a fraction is done."""
 
 
 @inner
@@ -292,7 +300,6 @@ def _moved(
     h: float,
     now: tuple[Array, Array, Array],
     then: tuple[Array, Array, Array],
-    blame: Array,
 ) -> int:
     q0, v0, z0 = now
     q1, v1, z1 = then
@@ -300,7 +307,7 @@ def _moved(
         run = view_at(like, arms.address[i])
         first, behind = arms.first_q[i], arms.first_q[i + 1]
         theta = w.movers.theta[i]
-        blame[0] = i
+        arms.failed[0] = i
         for b in range(behind - first):
             before, after = w.movers.start[i, b], w.movers.end[i, b]
             q1[first + b] = q0[first + b] + h * (before + theta * (after - before))
@@ -326,12 +333,11 @@ def _none_moved(
     h: float,
     now: tuple[Array, Array, Array],
     then: tuple[Array, Array, Array],
-    blame: Array,
 ) -> int:
     return GOOD
 
 
 move_arms = select_by_type(NoArms, _none_moved, _moved)
-"""move_arms(arms, like, w, h, (q0, v0, z0), (q1, v1, z1), blame): states at the end of the step.
+"""move_arms(arms, like, w, h, (q0, v0, z0), (q1, v1, z1)): states at the end of the step.
 
 It gives a code."""

@@ -189,7 +189,7 @@ def _to_world(w: WorldTables, a: int, corner: Array, x: Array) -> None:
 
 @inner
 def touch_corners(w: WorldTables, a: int, b: int, h: float, margin: float, with_edges: bool) -> bool:
-    """Contacts of the corners of body a, and between them of its edges, with body b."""
+    """ContactTables of the corners of body a, and between them of its edges, with body b."""
     t = w.bodies
     R, towards, out, here = w.now.rotation[a], w.points[TOWARDS], w.points[OUT], w.points[HERE]
     radius = skin(t.kind[a], t.size[a])
@@ -305,8 +305,8 @@ def _arm_side(w: WorldTables, arms: ArmTables, c: int, i: int, s: int) -> None:
             continue
         for r in range(3):
             v[r] = turn[r] = 0.0
-        _add_point(R0, arms.columns[s, b], 1.0 - part, x, p0, v, -1.0, turn)
-        _add_point(R1, arms.columns[s + 1, b], part, x, p1, v, 1.0, turn)
+        _add_point((R0, p0), arms.columns[s, b], 1.0 - part, -1.0, x, (v, turn))
+        _add_point((R1, p1), arms.columns[s + 1, b], part, 1.0, x, (v, turn))
         d0, d1, d2 = p1[0] - p0[0], p1[1] - p0[1], p1[2] - p0[2]
         v[0] += bow * (turn[1] * d2 - turn[2] * d1)
         v[1] += bow * (turn[2] * d0 - turn[0] * d2)
@@ -317,9 +317,14 @@ def _arm_side(w: WorldTables, arms: ArmTables, c: int, i: int, s: int) -> None:
 
 @inner
 def _add_point(
-    R: Array, V: Array, share: float, x: Array, p: Array, v: Array, sign: float, turn: Array
+    frame: tuple[Array, Array], V: Array, share: float, sign: float, x: Array, to: tuple[Array, Array]
 ) -> None:
-    """v += share of the velocity of x on a section with the body twist V; turn += sign its spin."""
+    """Add the motion of x on a section (R, p) with the body twist V.
+
+    `to`: share of its velocity, sign times its spin.
+    """
+    R, p = frame
+    v, turn = to
     w0 = R[0, 0] * V[0] + R[0, 1] * V[1] + R[0, 2] * V[2]
     w1 = R[1, 0] * V[0] + R[1, 1] * V[1] + R[1, 2] * V[2]
     w2 = R[2, 0] * V[0] + R[2, 1] * V[1] + R[2, 2] * V[2]

@@ -13,7 +13,7 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.bodies.stepping.records import Contacts, WorldTables
+from soro_core.bodies.stepping.records import ContactTables, WorldTables
 
 # Largest change of a speed [m/s] in the last sweep; what passes after all sweeps, in which forces that no
 # motion tells apart (four feet on a table) drift.
@@ -26,7 +26,7 @@ CLOSED = 1e-7
 
 
 @inner
-def recall_impulses(k: Contacts, ratio: float) -> None:
+def recall_impulses(k: ContactTables, ratio: float) -> None:
     """First guess of each impulse: that of the same surfaces in the last step, for a step `ratio` as long."""
     for c in range(k.counts[0]):
         for r in range(3):
@@ -39,7 +39,7 @@ def recall_impulses(k: Contacts, ratio: float) -> None:
 
 
 @inner
-def store_impulses(k: Contacts) -> None:
+def store_impulses(k: ContactTables) -> None:
     """Keep the impulses for `recall_impulses`."""
     k.counts[1] = k.counts[0]
     for c in range(k.counts[0]):
@@ -66,7 +66,7 @@ def meet(w: WorldTables, h: float) -> None:
 
 
 @inner
-def set_blocks(k: Contacts, stiffness: float, h: float) -> None:
+def set_blocks(k: ContactTables, stiffness: float, h: float) -> None:
     """k.D <- G Y of each contact; k.soft and k.bias of those that rest."""
     for c in range(k.counts[0]):
         for i in range(3):
@@ -86,7 +86,7 @@ def set_blocks(k: Contacts, stiffness: float, h: float) -> None:
 
 
 @inner
-def push(k: Contacts, c: int, change: Array, v: Array) -> None:
+def push(k: ContactTables, c: int, change: Array, v: Array) -> None:
     """Add the velocities by a change of the impulse of contact c."""
     for side in range(2):
         m = k.mover[c, side]
@@ -98,7 +98,7 @@ def push(k: Contacts, c: int, change: Array, v: Array) -> None:
 
 
 @inner
-def contact_speed(k: Contacts, c: int, i: int, v: Array) -> float:
+def contact_speed(k: ContactTables, c: int, i: int, v: Array) -> float:
     """Speed along axis i of the frame of contact c."""
     total = float(k.given[c, i])
     for side in range(2):
@@ -129,7 +129,7 @@ def solve_impulses(w: WorldTables) -> bool:
 
 
 @inner
-def _solve_one(k: Contacts, c: int, v: Array, change: Array) -> float:
+def _solve_one(k: ContactTables, c: int, v: Array, change: Array) -> float:
     """Update the impulse of one contact; gives the change of its speed."""
     D, P, soft = k.D[c], k.impulse[c], k.soft[c]
     if not D[0, 0] > 0.0:

@@ -94,6 +94,8 @@ class ArmTables(NamedTuple):
     """Scratch of Newton's iteration, (n_a, width)."""
     change: Array
     """Last correction of each arm relative to its scale, (n_a,)."""
+    failed: Integers
+    """The arm that is at work, (1,)."""
     no_wrench: Array
     base_twist: Array
     """Angular and linear velocity of each base in the world at the end of the step, (n_a, 6)."""
@@ -116,8 +118,8 @@ class Movers(NamedTuple):
     reach: float
 
 
-class Contacts(NamedTuple):
-    """Contacts of a step, their number first."""
+class ContactTables(NamedTuple):
+    """ContactTables of a step, their number first."""
 
     counts: Integers
     """(1,), and behind it the number of those of the step before: (2,)."""
@@ -167,7 +169,7 @@ class WorldTables(NamedTuple):
     then: BodyRows
     """At its end."""
     movers: Movers
-    contacts: Contacts
+    contacts: ContactTables
     points: Array
     """Scratch of `find`: points and directions, (N_POINTS, 3)."""
     corners: Array
@@ -194,7 +196,7 @@ def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[
         stiffness,
         reach,
     )
-    contacts = Contacts(
+    contacts = ContactTables(
         np.zeros(2, dtype=np.int64),
         np.zeros(most, dtype=np.int64),
         np.zeros((most, 2), dtype=np.int64),

@@ -137,7 +137,7 @@ def world_run(
     `boxes`: the world, its `ArmTables` or `NoArms`, and one of its arms. `given`: times (n_t,), pressures
     (n_t, 3, n_u), over each step the twists of driven bodies or the wrenches on others (n_t, n_b, 6), radii
     of the sections, and the least gap at the start. `stored`: contacts (n, CONTACT_WIDTH), behind the last of
-    each step (n_t,), and the sides that are to blame, or the arm (3,).
+    each step (n_t,), and the sides that are to blame (3,).
     """
     w, arms, like = view(boxes[0]), view(boxes[1]), view(boxes[2])
     times, pressure, inputs, radius, least = given
@@ -175,10 +175,10 @@ def world_run(
                 meet(w, h)
                 recall_impulses(w.contacts, h / last_h if last_h > 0.0 else 1.0)
                 body_answers(w, h)
-                set_inputs(arms, like, w, q0, row, (done, part))
-                code = solve_movers(arms, like, w, h, z0, blame)
+                set_inputs(arms, like, w, (q0, v0, z0), row, (done, part))
+                code = solve_movers(arms, like, w, h)
             if code == GOOD:
-                code = move_arms(arms, like, w, h, (q0, v0, z0), end, blame)
+                code = move_arms(arms, like, w, h, (q0, v0, z0), end)
             if code == GOOD:
                 move_bodies(w, h)
                 store_impulses(w.contacts)

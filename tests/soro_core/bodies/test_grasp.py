@@ -92,7 +92,7 @@ def test_an_arm_that_touches_nothing_moves_as_alone():
     start = np.array([0.02, 2.0, -1.0])
     far = {"ball": RigidBody(shape=BallShape(radius=0.01), fixed=True, position=[1.0, 0.0, 0.0])}
     result = simulate_world(
-        BodyWorld(far, {"arm": arm}), t_end=0.2, pressures={"arm": pressure}, q0={"arm": start}
+        BodyWorld(far, {"arm": arm}, {"arm": start}), t_end=0.2, pressures={"arm": pressure}
     )
     alone = simulate(arm, start, t_end=0.2, dt=1e-3, pressure=pressure, integrator="midpoint")
     # Both stop Newton's iteration at their own tolerance.
@@ -144,13 +144,13 @@ def test_arms_of_different_kinds_share_a_world():
     [
         ({"pressures": {"finger0": [0.0] * 2}}, "pressures: finger0"),
         ({"pressures": {"finger9": [0.0] * 3}}, "allowed: finger0, finger1, finger2"),
-        ({"q0": {"finger0": [np.nan] * 3}}, "not finite"),
+        ({"world": {"q0": {"finger0": [np.nan] * 3}}}, "not finite"),
         ({"motions": {"finger0": Shake()}}, "finger1 has none"),
     ],
 )
 def test_bad_inputs_of_arms_are_refused_in_one_line(inputs, said):
     with pytest.raises(ModelError) as error:
-        simulate_world(grip(), t_end=0.01, **inputs)
+        simulate_world(grip(**inputs.pop("world", {})), t_end=0.01, **inputs)
     assert said in str(error.value)
 
 

@@ -25,7 +25,9 @@ ROBOT = "config/robots/tue_three_bellow.yaml"
 MASS_KG = 0.03
 # Fingers close in 0.6 s, the table sinks from 1 s on, and a pull of 0.5 N/s begins.
 CLOSED_S, LOWERED_S, PULLED_S = 0.6, 1.0, 1.6
-SHAPES = {"ball": BallShape(radius=0.016), "cylinder": CylinderShape(radius=0.016, length=0.03)}
+OBJECTS = ("ball", "cylinder")
+# By the number of links: radius of the object, and how far its centre is above the place of the tips [m].
+RADIUS_M, ABOVE_M = {1: 0.016, 2: 0.021}, {1: 0.004, 2: 0.02}
 
 
 def run(options: Options) -> str:
@@ -33,8 +35,11 @@ def run(options: Options) -> str:
     return f"{speed(options)}\n\n{pull_out(options)}"
 
 
-def hand(links: int, shape: BallShape | CylinderShape, points: int) -> BodyWorld:
+def hand(links: int, name: str, points: int) -> BodyWorld:
     """Three fingers around an object on a table."""
+    radius = RADIUS_M[links]
+    shape = BallShape(radius=radius) if name == "ball" else CylinderShape(radius=radius, length=0.03)
+    half = radius if name == "ball" else 0.015
     base = load_robot(ROBOT)
     length, arms = base.length * links, {}
     for k in range(3):
@@ -46,18 +51,14 @@ def hand(links: int, shape: BallShape | CylinderShape, points: int) -> BodyWorld
                 base_position=[float(0.035 * np.cos(a)), float(0.035 * np.sin(a)), 0.0],
             )
         )
-    height = 0.004 - length
+    height = ABOVE_M[links] - length
     bodies = {
         "object": RigidBody(shape=shape, mass=MASS_KG, position=[0.0, 0.0, height], friction=0.8),
         "table": RigidBody(
-            shape=BoxShape(size=[0.02] * 3), fixed=True, position=[0.0, 0.0, height - 0.01 - _half(shape)]
+            shape=BoxShape(size=[0.02] * 3), fixed=True, position=[0.0, 0.0, height - 0.01 - half]
         ),
     }
     return BodyWorld(bodies, arms, points_per_link=points)
-
-
-def _half(shape: BallShape | CylinderShape) -> float:
-    return shape.radius if isinstance(shape, BallShape) else 0.5 * shape.length
 
 
 def grasp(world: BodyWorld, t_end: float, dt: float, pull_n_s: float = 0.0) -> WorldResult:
@@ -65,7 +66,7 @@ def grasp(world: BodyWorld, t_end: float, dt: float, pull_n_s: float = 0.0) -> W
 
     def close(t: float) -> np.ndarray:
         pressure = np.zeros(next(iter(world.arms.values())).n_u)
-        pressure[::3] = (60e3 if len(pressure) == 3 else 45e3) * min(t / CLOSED_S, 1.0)
+        pressure[::3] = 60e3 * min(t / CLOSED_S, 1.0)
         return pressure
 
     result = simulate_world(
@@ -86,9 +87,9 @@ def speed(options: Options) -> str:
     rows = []
     t_end = options.pick(4.0, 1.7)
     for links in (1, 2):
-        for name, shape in SHAPES.items():
+        for name in OBJECTS:
             options.say(f"three fingers of {links} links and a {name}")
-            world = hand(links, shape, 6)
+            world = hand(links, name, 6)
             grasp(world, 0.01, 1e-3)
             timed = partial(grasp, world, t_end, 1e-3)
             taken = [CLOCK.time(timed) for _ in range(options.pick(5, 1))]
@@ -102,7 +103,7 @@ def speed(options: Options) -> str:
                 [f"{links}", name, f"{t_end / min(taken):.1f}", held, f"{balance:.0e}", f"{1e6 * creep:.0e}"]
             )
     head = ["links", "object", "times real time", "held", "weight balance", "creep, um/s"]
-    return f"Three fingers and an object of {1e3 * MASS_KG:g} g at 1 ms.\n\n{table(head, rows)}"
+    return f"Three fingers and an object of {1e3 * MASS_KG:g} g at 1 ms; balance and creep over the last 0.5 s.\n\n{table(head, rows)}"
 
 
 def pull_out(options: Options) -> str:
@@ -111,12 +112,12 @@ def pull_out(options: Options) -> str:
     rows = []
     for dt, points in cases:
         forces = []
-        for name, shape in SHAPES.items():
+        for name in OBJECTS:
             options.say(f"pull-out of a {name}: {1e3 * dt:g} ms, {points} points")
-            result = grasp(hand(1, shape, points), 3.2, dt, 0.5)
+            result = grasp(hand(1, name, points), 3.2, dt, 0.5)
             height = result.place["object"][:, 2]
             out = int(np.argmax(height < height[round(PULLED_S / dt)] - 0.01))
             forces.append(f"{0.5 * (result.t[out] - PULLED_S):.4f}" if out else "not out")
         rows.append([f"{1e3 * dt:g}", f"{points}", *forces])
-    head = ["step, ms", "points a link", *(f"{name}, N" for name in SHAPES)]
+    head = ["step, ms", "points a link", *(f"{name}, N" for name in OBJECTS)]
     return f"Pull-out, one link: force at which the object has moved by 10 mm.\n\n{table(head, rows)}"

@@ -103,7 +103,10 @@ def speed(options: Options) -> str:
                 [f"{links}", name, f"{t_end / min(taken):.1f}", held, f"{balance:.0e}", f"{1e6 * creep:.0e}"]
             )
     head = ["links", "object", "times real time", "held", "weight balance", "creep, um/s"]
-    return f"Three fingers and an object of {1e3 * MASS_KG:g} g at 1 ms; balance and creep over the last 0.5 s.\n\n{table(head, rows)}"
+    setting = (
+        f"Three fingers and an object of {1e3 * MASS_KG:g} g at 1 ms; balance and creep over the last 0.5 s."
+    )
+    return f"{setting}\n\n{table(head, rows)}"
 
 
 def pull_out(options: Options) -> str:

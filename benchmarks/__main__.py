@@ -13,6 +13,7 @@ from benchmarks import (
     arms,
     bags,
     board,
+    bodies,
     can_rates,
     composed,
     control,
@@ -79,6 +80,7 @@ SECTIONS = {
     "bags": bags,
     "composed": composed,
     "view": view,
+    "bodies": bodies,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -201,8 +201,9 @@ class ForceObserver:
         start_s = state.passed_s
         for one in seen:
             state = self._passed(state, one)
-        assert state.measured is not None
-        assert state.q is not None
+        measured, q = state.measured, state.q
+        assert measured is not None
+        assert q is not None
         dt, config = state.passed_s - start_s, self.config
         theta, learned = self._nothing, known.learned
         if learned is not None:
@@ -212,9 +213,9 @@ class ForceObserver:
         if state.stage.stage != "free" and state.past:
             # What is learned as a load since then may be the push; what was missing before it is none.
             theta = np.concatenate([[state.past[0].mass_kg], theta[1:]])
-            base, bent = state.past[0].force_n, state.q - state.past[0].q
-        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), state.measured.qd)
-        measured = state.measured._replace(force=state.measured.force + losses)
+            base, bent = state.past[0].force_n, q - state.past[0].q
+        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), measured.qd)
+        measured = measured._replace(force=measured.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
             return state.begun_anew(state.due_s)
@@ -253,7 +254,7 @@ class ForceObserver:
         held = None
         # Before a law has said how well it knows the arm, in the probe say, what the model misses is no push.
         if stage.stage != "free" and learned is not None and learned.doubt is not None:
-            place = HeldPlace(measured.position, s, state.q, measured.pressure_pa, seen[-1].internal, slow)
+            place = HeldPlace(measured.position, s, q, measured.pressure_pa, seen[-1].internal, slow)
             part = _part_of(config.low_pass_per_s, dt)
             with contextlib.suppress(
                 ModelError, np.linalg.LinAlgError

@@ -1,6 +1,13 @@
 """A scene describes a run: robot, platform, twin, estimator, controller, recorder."""
 
-from soro_lab.scene.check import check_gains, check_learned, check_model, check_plant, check_scene
+from soro_lab.scene.check import (
+    check_gains,
+    check_learned,
+    check_model,
+    check_plant,
+    check_scene,
+    require_one_arm,
+)
 from soro_lab.scene.load import load_scene
 from soro_lab.scene.model import ModelSection, Requirement
 from soro_lab.scene.nodes import (
@@ -27,4 +34,5 @@ __all__ = [
     "check_plant",
     "check_scene",
     "load_scene",
+    "require_one_arm",
 ]

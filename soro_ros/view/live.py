@@ -82,14 +82,12 @@ class Buttons:
         node = self._node
         prefix = node.get_namespace().rstrip("/") + "/"
         names = [name for name, _ in node.get_service_names_and_types()]
-        nodes = [name for name in names if re.fullmatch(f"{re.escape(prefix)}[^/]+/{button}", name)]
-        if button != "reset":
-            return nodes
         drivers = {
-            f"{one.node_namespace.rstrip('/')}/{one.node_name}/reset"
+            f"{one.node_namespace.rstrip('/')}/{one.node_name}/{button}"
             for one in node.get_publishers_info_by_topic(f"{prefix}chambers/state")
         }
-        return [name for name in nodes if name in drivers]
+        own = f"{re.escape(prefix)}[^/]+/{button}"  # the driver of arms that share their valves is outside
+        return [name for name in names if name in drivers or (button != "reset" and re.fullmatch(own, name))]
 
 
 _COLOURS: dict[str, Literal["green", "red", "gray"]] = {"enable": "green", "vent": "red", "reset": "gray"}

@@ -221,7 +221,8 @@ def _check_arms(scene: Scene, where: str) -> None:
             raise ConfigError(_place(where, arm), "twin.air", arm.twin.air, allowed)
     if shared and scene.loaded_platform is not None:
         has = tuple(f"{arm.prefix}{name}" for arm in shared for name in arm.loaded_robot.chamber_names)
-        _check_chambers(scene, scene.loaded_platform, has, "the arms on it")
+        group = ", ".join(arm.prefix.rstrip("/") for arm in shared)
+        _check_chambers(scene, scene.loaded_platform, has, f"the group {group}")
     devices: dict[str, Scene] = {}
     for one in scene.platforms if scene.valves == "real" else ():
         device = one.device or (one.loaded_platform.device if one.loaded_platform else None) or ""

@@ -21,10 +21,10 @@ class Simulated(Protocol):
         """Whether its time may end."""
 
     def is_due(self) -> bool:
-        """Whether its input of the next tick is there."""
+        """Take the input of the next tick, if it is there; return whether it is."""
 
     def step(self) -> None:
-        """Take that input, and move by a tick."""
+        """Move by a tick."""
 
     def show(self) -> None:
         """Give the samples of the tick."""
@@ -49,7 +49,7 @@ class World:
         self.arms: list[Simulated] = []
 
     def begin(self) -> None:
-        """Begin the time of all arms, once the last one is started: then each has its air before any shows it."""
+        """Begin the time of all arms, once the last one is started; each has its air before any shows it."""
         if not all(arm.is_started for arm in self.arms):
             return
         for arm in self.arms:
@@ -59,7 +59,8 @@ class World:
 
     def tick(self) -> bool:
         """Move all arms by a tick, if each has its input; return whether they have moved."""
-        if not all(arm.is_due() for arm in self.arms):
+        due = [arm.is_due() for arm in self.arms]  # each is asked: one takes its input only then
+        if not all(due):
             return False
         for arm in self.arms:
             arm.step()

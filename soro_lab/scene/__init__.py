@@ -1,6 +1,7 @@
 """A scene describes a run: robot, platform, twin, estimator, controller, recorder."""
 
 from soro_lab.scene.check import (
+    arm_of,
     check_gains,
     check_learned,
     check_model,
@@ -28,6 +29,7 @@ __all__ = [
     "RegulatorNodeConfig",
     "Requirement",
     "Scene",
+    "arm_of",
     "check_gains",
     "check_learned",
     "check_model",

@@ -48,6 +48,27 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     ]
 
 
+def arm_of(scene: Scene, wanted: str | None, where: str) -> Scene:
+    """Return the scene of one arm by its name, ``left`` or ``hand/left``; a scene of one arm as it is.
+
+    Parameters
+    ----------
+    scene : Scene
+    wanted : str or None
+    where : str
+        What the error names.
+
+    Raises
+    ------
+    ConfigError
+        If there are several, and none of them has the name.
+    """
+    found = [arm for arm in scene.each if (wanted or "").strip("/") in (arm.name, arm.prefix.rstrip("/"))]
+    if scene.arms and not found:
+        raise ConfigError(where, "arm", wanted or "nothing", f"one of {', '.join(scene.arms)}")
+    return found[0] if scene.arms else scene
+
+
 def require_one_arm(scene: Scene, where: str) -> Scene:
     """Return a scene of one arm.
 
@@ -192,7 +213,7 @@ def check_gains(scene: Scene, robot: Robot, where: str) -> str:
 
 def _check_platform(scene: Scene, platform: PlatformBase, robot: Robot) -> None:
     platform = platform.at_rate(scene.rate_hz)
-    if scene.valves == "real" and not (scene.device or platform.device):
+    if scene.valves == "real" and not scene.own_device:
         allowed = f"--device, or {platform.where_device} in the platform file: where the valves are"
         raise ConfigError(scene.platform, "device", "", allowed)
     if not scene.prefix or not scene.is_shared:  # those of several arms `_check_arms` compares
@@ -225,7 +246,7 @@ def _check_arms(scene: Scene, where: str) -> None:
         _check_chambers(scene, scene.loaded_platform, has, f"the group {group}")
     devices: dict[str, Scene] = {}
     for one in scene.platforms if scene.valves == "real" else ():
-        device = one.device or (one.loaded_platform.device if one.loaded_platform else None) or ""
+        device = one.own_device
         if device in devices:
             allowed = f"another one than {devices[device].prefix or 'the scene'} has: its valves are its own"
             raise ConfigError(_place(where, one), "device", device, allowed)

@@ -71,9 +71,11 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
     own = data.pop("arms")
     if not isinstance(own, dict):
         raise ConfigError(where, "arms", own, "a mapping of names to what each arm has of its own")
-    whole, arms = parse(data, Scene, where=where), {}
-    for number, (name, keys) in enumerate(own.items()):
-        key, keys = f"arms.{name}", {} if keys is None else keys
+    whole = parse(data, Scene, where=where)
+    arms: dict[str, Scene] = {}
+    for number, (name, stated) in enumerate(own.items()):
+        keys: dict[str, Any] = {} if stated is None else stated
+        key = f"arms.{name}"
         if not (isinstance(name, str) and _ARM.fullmatch(name)):
             raise ConfigError(where, "arms", name, "names of lower-case letters, digits and _")
         if not isinstance(keys, dict):
@@ -82,8 +84,9 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
             allowed = "at the top of the scene, for all arms"
             raise ConfigError(where, f"{key}.{foreign[0]}", keys[foreign[0]], allowed)
         # The noise of one arm is not that of another.
-        given = {"seed": whole.seed + number, **keys}
-        arms[name] = _of_one_arm(_merged(data, given) | {"name": f"{whole.name}/{name}"}, f"{where}: {key}")
+        given: dict[str, Any] = {"seed": whole.seed + number, **keys}
+        merged = _merged(data, given)
+        arms[name] = _of_one_arm(merged | {"name": f"{whole.name}/{name}"}, f"{where}: {key}")
         if arms[name].is_shared and "limits" in keys:
             allowed = "at the top of the scene, for all arms of the platform"
             raise ConfigError(where, f"{key}.limits", keys["limits"], allowed)
@@ -101,8 +104,9 @@ def _merged(keys: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
 
     def value(key: str) -> Any:
         before, after = keys.get(key), own[key]
-        within = isinstance(before, dict) and isinstance(after, dict) and "kind" not in after
-        return _merged(before, after) if within else after
+        if isinstance(before, dict) and isinstance(after, dict) and "kind" not in after:
+            return _merged(before, after)
+        return after
 
     return keys | {key: value(key) for key in own}
 

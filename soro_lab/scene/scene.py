@@ -206,6 +206,11 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         own = tuple(arm for arm in self.each if arm.platform and not arm.is_shared)
         return (self, *own) if any(arm.is_shared for arm in self.each) else own
 
+    @property
+    def own_device(self) -> str:
+        """Where real valves are: as the scene says, else as their platform does."""
+        return self.device or (self.loaded_platform.device if self.loaded_platform else None) or ""
+
     def markers_node(self) -> MarkersConfig:
         """Parameters of the markers node."""
         return MarkersConfig(robot=self.robot)

@@ -97,14 +97,16 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
     """Judge a run, write and print the result; return the exit status."""
     from soro_ros.recordings.verdict import advice, worst, write
 
-    results = {arm.prefix.rstrip("/"): _judge_arm(arm, folder, end) for arm in scene.each}
+    results = {one.prefix.rstrip("/"): _judge_arm(one, folder, end) for one in scene.each}
     verdict = worst({name: result.verdict for name, result in results.items()})
     if scene.arms:
-        write(folder, None, verdict, {name: (one.summary, one.verdict) for name, one in results.items()})
+        write(
+            folder, None, verdict, {name: (found.summary, found.verdict) for name, found in results.items()}
+        )
     else:
         write(folder, results[""].summary, verdict)
-    for arm, result in zip(scene.each, results.values(), strict=True):
-        _show(arm, folder, result, figure, console)
+    for one, result in zip(scene.each, results.values(), strict=True):
+        _show(one, folder, result, figure, console)
     if verdict.word in ("poor", "lost"):
         console.print(f"[red]soro: {escape(str(verdict))}[/red]", soft_wrap=True)
     for line in verdict.notes:
@@ -115,9 +117,9 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
     if scene.recorder.enabled and (folder / "bag").exists():
         console.print(f"bag:     {folder / 'bag'}")
         if any(result.summary is not None for result in results.values()):
-            arm = f" --arm {scene.each[0].name}" if scene.arms else ""
-            console.print(f"film:    soro plot {folder}{arm} --film {folder}/film.gif", soft_wrap=True)
-            console.print(f"page:    soro report {folder}{arm}")
+            which = f" --arm {scene.each[0].name}" if scene.arms else ""
+            console.print(f"film:    soro plot {folder}{which} --film {folder}/film.gif", soft_wrap=True)
+            console.print(f"page:    soro report {folder}{which}")
     if not scene.arms:
         _keep(scene, folder, results[""], console)
     return end.status or (0 if verdict.word == "good" else 1)

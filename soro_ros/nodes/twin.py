@@ -9,7 +9,6 @@ import sys
 import time
 from dataclasses import replace
 from functools import partial
-from itertools import takewhile
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -212,13 +211,16 @@ class TwinNode(SoroNode[TwinConfig]):
         if not self._running or self._over():
             return False
         if self._link is None:
-            return self._state.tick == 0 or self._chambers.seen_ns >= self._tick_ns() - self._period_ns
+            answered_ns = self._tick_ns() - self._period_ns
+            if self._slewed_ns is None and (answered_ns < 0 or self._chambers.seen_ns >= answered_ns):
+                self._begin_tick()  # at once: while other arms are waited for, the next command may come
+            return self._slewed_ns is not None
         self._frame = self._frame or self._link.wait(LINK_WAIT_S)
         return self._frame is not None
 
     def step(self) -> None:
         if self._link is None or self._frame is None:
-            self._step_with_commands()
+            self._end_tick()
             return
         frame, self._frame = self._frame, None
         self._check_period(frame)
@@ -307,10 +309,6 @@ class TwinNode(SoroNode[TwinConfig]):
         self._measured = (stamp_ns, pressure)
 
     # One tick -------------------------------------------------------------------------------------
-    def _step_with_commands(self) -> None:
-        self._begin_tick()
-        self._end_tick()
-
     def _step_after_commands(self) -> None:
         self._begin_tick()
         # The nodes of this process answer first: the arm's motion can wait, a command cannot.
@@ -384,10 +382,10 @@ class TwinNode(SoroNode[TwinConfig]):
 
 def main() -> None:
     """Entry point of `ros2 run soro_ros twin`."""
-    given, world = sys.argv[1:], World()
-    namespaces = list(takewhile(lambda one: one.startswith("/"), given))
-    arms = [partial(TwinNode, namespace, world) for namespace in namespaces] or [TwinNode]
-    run_nodes(arms, command_line.of_node(TwinNode.node_name, TwinConfig), given[len(namespaces) :])
+    namespaces, rest = command_line.namespaces(sys.argv[1:])
+    world = World()
+    arms = [partial(TwinNode, namespace, world) for namespace in namespaces] or [partial(TwinNode)]
+    run_nodes(arms, command_line.of_node(TwinNode.node_name, TwinConfig), rest)
 
 
 if __name__ == "__main__":

@@ -49,7 +49,8 @@ def run_nodes(
     Parameters
     ----------
     node_classes : sequence of callable
-        Classes of the nodes, or what else makes them. The last one drives the valves: it is configured last and made safe first.
+        Classes of the nodes, or what else makes them. The last one drives the valves: it is configured last
+        and made safe first.
     program : Program
         What its command line says of itself.
     args : list of str, optional

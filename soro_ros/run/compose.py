@@ -350,8 +350,11 @@ class Run:
                 self._warn(name, child.end_report(forced), has_failed=True)
             elif self._status[name] != 0:
                 unclean[name] = child.end_report(forced)
-        for one in (*self._links.values(), self._claims, *self._pulses.values()):
-            one.close()
+        self._claims.close()
+        for links in self._links.values():
+            links.close()
+        for pulse in self._pulses.values():
+            pulse.close()
         return unclean
 
     @property
@@ -387,7 +390,7 @@ class Run:
         for nodes in ([twins] if len(twins) > 1 else []) + groups:
             (name, config), *others = nodes.items()
             if others:
-                command = processes.twins_command(nodes, self.scene.name, self.folder)
+                command = processes.arms_command(nodes, self.scene.name, self.folder)
             else:
                 command = processes.node_command(name, config, self.scene.name, self.folder)
             pulse = self._pulses.get(name)

@@ -130,7 +130,7 @@ def with_robot_files(scene: Scene, folder: Path) -> Scene:
 def _check_devices(scene: Scene) -> None:
     """Refuse real valves whose adapter or port does not exist."""
     for one in scene.platforms if scene.valves == "real" else ():
-        for finding in check_device(one.device or one.loaded_platform.device or ""):
+        for finding in check_device(one.own_device):
             if finding.level == "fail":
                 raise HardwareError(finding.do, finding.found, "open")
 

@@ -132,8 +132,8 @@ def node_command(name: str, config: BaseModel, namespace: str, folder: Path) -> 
     return [*module, "--ros-args", "--params-file", str(file), "-r", f"__ns:=/{inner}"]
 
 
-def twins_command(configs: Mapping[str, BaseModel], namespace: str, folder: Path) -> list[str]:
-    """Return the command line of the twins of several arms, which are one process; see `node_command`.
+def arms_command(configs: Mapping[str, BaseModel], namespace: str, folder: Path) -> list[str]:
+    """Return the command line of the nodes of one kind of several arms, as one process; see `node_command`.
 
     Parameters
     ----------
@@ -146,7 +146,8 @@ def twins_command(configs: Mapping[str, BaseModel], namespace: str, folder: Path
     files = [_parameter_file(name, full[name], config, folder) for name, config in configs.items()]
     options = [text for file in files for text in ("--params-file", str(file))]
     namespaces = [name.rpartition("/")[0] for name in full.values()]
-    return [sys.executable, "-m", "soro_ros.nodes.twin", *namespaces, "--ros-args", *options]
+    kind = next(iter(configs)).rpartition("/")[2]
+    return [sys.executable, "-m", f"soro_ros.nodes.{kind}", *namespaces, "--ros-args", *options]
 
 
 def _parameter_file(name: str, entry: str, config: BaseModel, folder: Path) -> Path:

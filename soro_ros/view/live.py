@@ -103,16 +103,20 @@ class LivePage(ViewerPage):
     server : viser.ViserServer
     robot : Robot
     payload_kg : float
+    arm : str
+        Name of one of several arms.
     """
 
-    def __init__(self, node: Node, server: viser.ViserServer, robot: Robot, payload_kg: float) -> None:
+    def __init__(
+        self, node: Node, server: viser.ViserServer, robot: Robot, payload_kg: float, arm: str = ""
+    ) -> None:
         self.buttons = Buttons(node, self._tell)
         self._answers: list[str] = []
         for name in BUTTONS:
-            button = server.gui.add_button(name, color=_COLOURS[name])
+            button = server.gui.add_button(f"{name} {arm}".rstrip(), color=_COLOURS[name])
             button.on_click(partial(self._press, name))
-        self._answer = server.gui.add_text("answers", "", multiline=True, disabled=True)
-        super().__init__(server, robot, payload_kg)
+        self._answer = server.gui.add_text(f"answers {arm}".rstrip(), "", multiline=True, disabled=True)
+        super().__init__(server, robot, payload_kg, arm)
 
     def _press(self, name: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
         self.buttons.press(name)

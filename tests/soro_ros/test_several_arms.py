@@ -1,4 +1,4 @@
-"""Several arms in one run: a tick for all, one bag, a verdict by arm; valves that they share vent them all."""
+"""Several arms in one run: a tick for all, one bag, a verdict by arm; shared valves vent them all."""
 
 import numpy as np
 import pytest
@@ -51,15 +51,13 @@ def test_arms_without_valves_share_their_time(domain, tmp_path):
         "arms:\n  left: {base_position: [-0.1, 0.0, 0.0]}\n  right: {seed: 1}\n"
     )
     alone = tmp_path / "alone.yaml"
-    alone.write_text(
-        "mode: lockstep\nduration_s: 1.0\ncontroller: {reference: {curvature_per_m: 6.0}}\n"
-    )
+    alone.write_text("mode: lockstep\nduration_s: 1.0\ncontroller: {reference: {curvature_per_m: 6.0}}\n")
     _, output, folder = run(tmp_path / "pair", scene=str(scene))
     assert summary(folder)["verdict"] == "good", output
     _, output, other = run(tmp_path / "alone", scene=str(alone))
     assert summary(other)["verdict"] == "good", output
     both, one = payloads(folder / "bag"), payloads(other / "bag")
-    for topic in ("truth/state", "chambers/command", "chambers/state", "arm/covariance"):
+    for topic in ("truth/state", "truth/chambers", "chambers/state", "arm/covariance"):
         found, wanted = both[f"/pair/right/{topic}"], one[f"/alone/{topic}"]
         ticks = min(len(found), len(wanted))  # time goes on until the last arm is empty
         assert ticks >= 200

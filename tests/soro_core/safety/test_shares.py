@@ -49,7 +49,9 @@ def test_a_bad_command_of_one_arm_is_refused_by_the_name_of_its_chamber(command)
     hand.run(0.05, thumb=(0.0, 0.0), index=(0.0, 0.0))
     before = hand.limiter.state
     refusal = hand.offer("index", *command)
-    assert refusal and ("index/link0/chamber0" in refusal or "wrong length" in refusal)
+    assert refusal.startswith(
+        "wrong length" if len(command) < 2 else ("not finite: index/", "out of range: index/")
+    )
     assert hand.limiter.state.command_pa.tolist() == before.command_pa.tolist()
     assert sum(hand.limiter.state.rejected.values()) == 1
 

@@ -59,4 +59,5 @@ def test_time_ends_for_all_when_the_last_one_rests():
     assert not left.ended
     right.rests = True
     assert world.ends()
-    assert left.ended and right.ended
+    assert left.ended
+    assert right.ended

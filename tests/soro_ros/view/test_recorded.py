@@ -73,26 +73,26 @@ def test_what_is_no_bag_says_so_and_not_that_a_robot_is_missing(tmp_path, soro):
 def test_play_pause_and_the_slider_set_the_time(recorded):
     server = ViewServer(Access(), 18280)
     try:
-        player = RecordedPage(server, load_robot("tue_three_bellow"), recorded, 10.0)
+        player = RecordedPage(server, {"": (load_robot("tue_three_bellow"), recorded)}, 10.0)
         player.step(0.5)
-        assert player.shown()[-1].t_s == 0.0  # no page is open
+        assert player.shown(recorded)[-1].t_s == 0.0  # no page is open
         server.get_clients = lambda: {0: None}
         player.step(0.5)
-        assert player.shown()[-1].t_s == pytest.approx(0.5, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(0.5, abs=0.05)
         player._toggle()
         player.step(0.5)
-        assert player.shown()[-1].t_s == pytest.approx(0.5, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(0.5, abs=0.05)
         player._slider.value = 1.5
         player._on_slider(SimpleNamespace(client=None))  # set by the server
-        assert player.shown()[-1].t_s == pytest.approx(0.5, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(0.5, abs=0.05)
         player._on_slider(SimpleNamespace(client=object()))
-        assert player.shown()[-1].t_s == pytest.approx(1.5, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(1.5, abs=0.05)
         player._toggle()
         player.step(99.0)
-        assert player.shown()[-1] is recorded[-1]
+        assert player.shown(recorded)[-1] is recorded[-1]
         assert player._button.label == "play"
         player._toggle()  # from the begin again
         player.step(0.1)
-        assert player.shown()[-1].t_s == pytest.approx(0.1, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(0.1, abs=0.05)
     finally:
         server.stop()

@@ -92,8 +92,15 @@ def _running(namespace: str, robot: str) -> list[tuple[str, str]]:
     if namespace and robot:
         return [(namespace, robot)]
     with service_caller() as caller:
-        within = namespace or one_node(caller, "vent", "", 4.0, READINGS).rpartition("/")[0]
-        caller.spin(_FIND_S if namespace else 0.0)
+        if namespace:
+            within = namespace
+            caller.spin(_FIND_S)
+        else:
+            drivers = [name for new in caller.search("vent", "", 4.0, READINGS) for name in new]
+            runs = {name.split("/")[1] if name.count("/") > 2 else name for name in drivers}
+            if len(runs) != 1:
+                one_node(caller, "vent", "", 4.0, READINGS)  # says why
+            within = drivers[0].rpartition("/")[0] if len(drivers) == 1 else f"/{runs.pop()}"
         topics = [name for name, _ in caller.node.get_topic_names_and_types()]
         arms = [name.removesuffix(f"/{READINGS}") for name in topics if name.endswith(f"/{READINGS}")]
         below = sorted(name for name in arms if name.startswith(f"{within}/"))

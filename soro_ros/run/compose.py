@@ -150,7 +150,7 @@ class Run:
             if one.emulates:
                 self._report(f"starting emulated valves of {one.platform}")
                 valves = start_valves(one, folder=self.folder, links=self._links[one.prefix])
-                self._children[valves.name] = valves
+                self._children[f"{one.prefix}valves"] = valves
                 wait_for_valves(valves, self.check)
         if scene.recorder.enabled:
             topics, exclude = recorded_topics(scene), scene.recorder.exclude

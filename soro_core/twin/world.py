@@ -1,7 +1,7 @@
 """The arms of a scene in one time: all of them make a tick together, when what each needs for it is there.
 
-What acts between arms (bodies, contact, an arm at the tip of another) belongs here: `World.tick` has all of
-them at the same instant, behind their inputs and before what they show of it.
+What acts between arms (bodies, contact, an arm at the tip of another) belongs here: `ArmWorld.tick` has all
+of them at the same instant, behind their inputs and before what they show of it.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Simulated(Protocol):
         """Note that time has ended."""
 
 
-class World:
+class ArmWorld:
     """Arms that share their time.
 
     Attributes

@@ -22,8 +22,7 @@ Width: TypeAlias = Annotated[int, typer.Option(min=200, max=4000, metavar="PIXEL
 def write_film(
     run: Path,
     file: Path,
-    start_s: float,
-    end_s: float | None,
+    span_s: tuple[float, float | None],
     rate_hz: float,
     width: int,
     arm: str | None = None,
@@ -38,7 +37,7 @@ def write_film(
         Folder of a run or bag.
     file : Path
         To write: .gif; .png holds the last picture.
-    start_s, end_s : float
+    span_s : tuple
         First and last time [s]; None: where the arm rests.
     rate_hz : float
         Pictures a second.
@@ -58,6 +57,7 @@ def write_film(
         raise ConfigError("soro plot", "--film", str(file), "a name that ends with .gif or .png")
     bag, scene_file = bag_and_scene(run)
     scene = arm_of(load_scene(str(scene_file)), arm, str(run))
+    start_s, end_s = span_s
     shown = film.take(bag, scene, start_s, math.inf if end_s is None else end_s, rate_hz)
     write = film.still if file.suffix == ".png" else film.write
     write(shown, file, width)

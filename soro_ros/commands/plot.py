@@ -87,7 +87,7 @@ def plot(
             if topic or field or out or scene:
                 others = "no other option than --arm, --start, --end, --rate and --width"
                 raise ConfigError("soro plot", "--film", str(film), others)
-            write_film(run, film, start or 0.0, end, rate, width, arm)
+            write_film(run, film, (start or 0.0, end), rate, width, arm)
             return
         if file.suffix not in _ENDINGS:
             raise ConfigError("soro plot", "--out", str(file), f"a name that ends with {', '.join(_ENDINGS)}")

@@ -1,6 +1,6 @@
 """The twin node: it simulates the robot and publishes the robot's topics, in real time or in lockstep.
 
-A process has one for each arm of its scene, in one `World`: `soro_twin /hand/left /hand/right`.
+A process has one for each arm of its scene, in one `ArmWorld`: `soro_twin /hand/left /hand/right`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from soro_core.safety import Limiter, check_rating, narrowed, rating_of
 from soro_core.safety.vent_check import REST_S, empty_since
 from soro_core.twin import Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
-from soro_core.twin.world import World
+from soro_core.twin.world import ArmWorld
 from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
 from soro_ros.conversion import messages, qos
 from soro_ros.host import claims
@@ -52,8 +52,8 @@ class TwinNode(SoroNode[TwinConfig]):
     _link: PlantLinkClient | None = None
     _faults: FaultInterface | None = None
 
-    def __init__(self, namespace: str | None = None, world: World | None = None) -> None:
-        self._world = world or World()
+    def __init__(self, namespace: str | None = None, world: ArmWorld | None = None) -> None:
+        self._world = world or ArmWorld()
         self._world.arms.append(self)
         super().__init__(namespace)
 
@@ -383,7 +383,7 @@ class TwinNode(SoroNode[TwinConfig]):
 def main() -> None:
     """Entry point of `ros2 run soro_ros twin`."""
     namespaces, rest = command_line.namespaces(sys.argv[1:])
-    world = World()
+    world = ArmWorld()
     arms = [partial(TwinNode, namespace, world) for namespace in namespaces] or [partial(TwinNode)]
     run_nodes(arms, command_line.of_node(TwinNode.node_name, TwinConfig), rest)
 

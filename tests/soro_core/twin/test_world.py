@@ -1,6 +1,6 @@
 """The arms of a world make each tick together, and their time ends with the last of them."""
 
-from soro_core.twin.world import World
+from soro_core.twin.world import ArmWorld
 
 
 class Arm:
@@ -28,7 +28,7 @@ class Arm:
 
 
 def two_arms():
-    world, log = World(), []
+    world, log = ArmWorld(), []
     return world, log, Arm(world, log, "left"), Arm(world, log, "right")
 
 

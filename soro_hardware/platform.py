@@ -142,7 +142,7 @@ class PlatformBase(Strict):
     @model_validator(mode="after")
     def _each_chamber_once(self) -> Self:
         require_once("valves: each chamber", self.chamber_names)
-        if self.arms and "" in parts_of(self.chamber_names):
+        if len({name.count("/") for name in self.chamber_names}) > 1:
             raise ValueError("valves: the name of an arm in front of each chamber, or of none")
         return self
 

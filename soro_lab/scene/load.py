@@ -14,8 +14,6 @@ from soro_core.safety import check_rating, rating_of
 from soro_lab.scene.limits import default_limits
 from soro_lab.scene.scene import OF_RUN, Scene
 
-# Keys of a scene that name files.
-_FILES = ("robot", "platform", "controller")
 _TEXTS = ("name", "description", "platform")
 # What a namespace of ROS may be called.
 _ARM = re.compile(r"[a-z][a-z0-9_]*")
@@ -112,31 +110,27 @@ def _merged(keys: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
 
 
 def _find_files(data: dict[str, Any], folder: Path) -> None:
-    """Find the files that a scene names, and those of its arms, in a folder; read that of the controller."""
-    data |= {key: _beside(folder, data[key]) for key in _FILES if key in data}
-    if isinstance(twin := data.get("twin"), dict) and "plant" in twin:
-        data["twin"] = twin | {"plant": _beside(folder, twin["plant"])}
-    _read_controller(data, folder)
-    if isinstance(arms := data.get("arms"), dict):
-        for keys in arms.values():
-            if isinstance(keys, dict):
-                _find_files(keys, folder)
+    """Find the files that a scene or one of its arms names in a folder; read that of the controller.
 
-
-def _beside(folder: Path, name: Any) -> Any:
-    """Return the path of a file in a folder by its name there; any other value as it is."""
-    if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
-        return str((folder / name).absolute())
-    return name
-
-
-def _read_controller(data: dict[str, Any], folder: Path) -> None:
-    """Replace the name of a controller file by its content; find the file of a law beside what names it."""
+    The file of a law stands beside the file that names it.
+    """
+    twin: Any = data.get("twin")
+    if isinstance(twin, dict):
+        data["twin"] = twin = dict(twin)
+    for section, key in ((data, "robot"), (data, "platform"), (data, "controller"), (twin, "plant")):
+        name = section.get(key) if isinstance(section, dict) else None
+        if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
+            section[key] = str((folder / name).absolute())
+    beside = folder
     if isinstance(name := data.get("controller"), str):
         file = find_config(name, "controllers")
-        data["controller"], folder = read_yaml(file), file.parent
+        data["controller"], beside = read_yaml(file), file.parent
     if isinstance(control := data.get("controller"), dict) and isinstance(law := control.get("law"), str):
-        data["controller"] = control | {"law": with_folder(law, folder)}
+        data["controller"] = control | {"law": with_folder(law, beside)}
+    arms = data.get("arms")
+    for keys in arms.values() if isinstance(arms, dict) else ():
+        if isinstance(keys, dict):
+            _find_files(keys, folder)
 
 
 def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:

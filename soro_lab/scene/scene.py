@@ -171,7 +171,8 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     @cached_property
     def loaded_robot(self) -> Robot:
         """The robot that the scene names, at its place; its file is read once."""
-        return load_robot(self.robot).replace(**self.place) if self.place else load_robot(self.robot)
+        robot, place = load_robot(self.robot), (self.base_position, self.base_quaternion)
+        return robot if place == (None, None) else robot.replace(**self.place)
 
     @property
     def place(self) -> dict[str, tuple[float, ...]]:

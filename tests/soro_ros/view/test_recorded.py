@@ -96,3 +96,22 @@ def test_play_pause_and_the_slider_set_the_time(recorded):
         assert player.shown(recorded)[-1].t_s == pytest.approx(0.1, abs=0.05)
     finally:
         server.stop()
+
+
+@pytest.mark.process
+def test_several_arms_are_on_one_page_each_with_its_own_moments(recorded):
+    server = ViewServer(Access(), 18290)
+    try:
+        robot = load_robot("tue_three_bellow")
+        arms = {"left": (robot, recorded), "right": (robot.replace(base_position=(0.1, 0.0, 0.0)), recorded)}
+        player = RecordedPage(server, arms, 10.0)
+        server.get_clients = lambda: {0: None}
+        player.step(0.5)
+        left, right = player._pages
+        assert (left._meshes[0].name, right._meshes[0].name) == tuple(
+            f"/{name}/arm/{left._skin.names[0]}" for name in arms
+        )
+        assert left._meshes[0].visible
+        assert right._meshes[0].visible
+    finally:
+        server.stop()

@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core.control import Reference
-from soro_core.control.motions.motion import finished
+from soro_core.planning.steps import finished
 from soro_core.control.motions.motion_parts import PiecewiseMotion
 from soro_core.control.motions.tip_path import corners
 from soro_core.control.reference.active_reference import reference_ahead

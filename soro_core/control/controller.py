@@ -24,7 +24,7 @@ from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, lowe
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.motions.motion import Planner
-from soro_core.control.motions.obstacles import obstacles_of
+from soro_core.planning.obstacles import obstacles_of
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
 from soro_core.control.pressures.actuation import (
@@ -117,7 +117,8 @@ class Controller(GivenReferences):
         self._nothing = np.zeros(self.arm.n_u)
         self.force_loop = ForceLoop(self.arm, self.fields, self.gains.k_p, self.limit, config.force)
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
-        self.obstacles = obstacles_of(self.arm, model.links)
+        self.obstacles = obstacles_of(self.arm)
+        self.nonuniform = None if self.obstacles is None else nonuniform_of(self.arm, model.links)
         self.check_way(self.law.initial_state(), np.zeros(self.arm.n_q))
         self.probe: Probe | None = None
         begin, still, dt = self.initial_state(), np.zeros(self.arm.n_q), 1.0 / DEFAULT_RATE_HZ

@@ -19,9 +19,9 @@ from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerState, Reference
 from soro_core.control.force.press import Press
 from soro_core.control.motion_config import MotionConfig
-from soro_core.control.motions.motion import finished
+from soro_core.planning.steps import finished
 from soro_core.control.motions.motion_parts import PiecewiseMotion
-from soro_core.control.motions.path_coordinates import Planning
+from soro_core.planning.steps import Planning
 from soro_core.control.reference.active_reference import STREAM_S, ActiveReference, at_rest, reference_ahead
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError, SoroError

@@ -11,7 +11,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig
-from soro_core.control.motions.motion import finished
+from soro_core.planning.steps import finished
 from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion, ToRest
 from soro_core.control.motions.path_coordinates import PathCoordinates
 from soro_core.control.motions.speed_law import speed_law

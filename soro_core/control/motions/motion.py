@@ -9,27 +9,27 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.lookout import Lookout, line, ways_along
-from soro_core.control.motions.motion_error import MotionError
+from soro_core.planning.motion_error import MotionError
 from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion, Slower, ToRest
 from soro_core.control.motions.motion_time import ON_THE_WAY, Timing
-from soro_core.control.motions.path_coordinates import PathCoordinates, Planning, listed, with_nearest
+from soro_core.control.motions.path_coordinates import PathCoordinates, with_nearest
 from soro_core.control.motions.pressure_feasibility import PressureSupply, nearest_held, pressure_deficit
 from soro_core.control.motions.speed_law import STEEPEST, speed_law
 from soro_core.control.motions.tip_path import SAME_M, TipLeg, legs_of
 from soro_core.control.reference.reference_transition import Bounds
 from soro_core.control.reference.trajectory import Point
+from soro_core.planning.obstacles import listed
+from soro_core.planning.steps import Planning
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
-
-Result = TypeVar("Result")
 
 # Points of the way to the path at which its pressures are taken at rest.
 _ON_THE_WAY = 8
@@ -293,12 +293,3 @@ class Planner:
         settings = self.config.motion
         law = speed_law(leg.length_m, settings.speed_m_s, settings.acceleration_m_s2, leg.curvature_per_m)
         return AlongPath(curve, law)
-
-
-def finished(steps: Planning[Result]) -> Result:
-    """Return the result of all steps."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value  # type: ignore[no-any-return]

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.control.config import ControllerConfig
-from soro_core.control.motions.motion_error import MotionError
+from soro_core.planning.motion_error import MotionError
 from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, Slower, ToRest
-from soro_core.control.motions.path_coordinates import Planning
+from soro_core.planning.steps import Planning
 from soro_core.control.motions.pressure_feasibility import PressureSupply, Rates, rates
 from soro_core.control.reference.reference_transition import Bounds
 

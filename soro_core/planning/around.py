@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -98,7 +99,7 @@ def plan_around(
     shapes : int
         Largest number of shapes that are looked at.
     limit : (n_q,), optional
-        Largest absolute coordinates; default 0.6 of elongation and shear, 3 rad a link of bending and torsion.
+        Largest absolute coordinates; default 0.6 of elongation and shear, 3 rad a link of others.
     near : (n_q,), optional
         Coordinates near those of the start; default those of `stable_equilibrium`.
     seed : int
@@ -133,9 +134,12 @@ def search_around(
     *,
     limit: ArrayLike | None = None,
     near: ArrayLike | None = None,
+    range_pa: tuple[Array, Array] | None = None,
     seed: int = 0,
 ) -> Planning[WayAround]:
     """Find a way in steps of a few shapes; parameters as of `plan_around`, where `most` is `shapes`.
+
+    `range_pa` are least and highest pressures, (n_u,) each; default those of the robot.
 
     Yields
     ------
@@ -152,17 +156,19 @@ def search_around(
     require(obstacles, Contacts, "obstacles", "Contacts")
     if not (obstacles.planes or obstacles.spheres):
         raise ModelError("obstacles: got none; allowed is one or more", "obstacles")
-    bare, among = SoftArm(robot.replace(contacts=None)), SoftArm(robot.replace(contacts=obstacles))
-    fields = strain_fields(robot)
+    bare, fields = SoftArm(robot.replace(contacts=None)), strain_fields(robot)
+    yield
     bounds = np.where(fields.stretch, _STRETCH, _BEND_RAD / fields.length)
     if limit is not None:
         bounds = finite(shaped(limit, (arm.n_q,), "limit", robot.name), "limit")
-    low, high = robot.input_range
+    low, high = robot.input_range if range_pa is None else range_pa
     coarse, fine = (
         HeldShapes(bare, known, low, high, bounds)
-        for known in (obstacles_of(among, COARSE_M), obstacles_of(among))
+        for known in (obstacles_of(bare, obstacles, COARSE_M), obstacles_of(bare, obstacles))
         if known is not None
     )
+    yield from coarse.measure()
+    fine.motion_m = coarse.motion_m
     x = np.clip((pressure - low) / (high - low), 0.0, 1.0)
     q = stable_equilibrium(bare, low + x * (high - low)) if near is None else np.asarray(near)
     begin = fine.line(x, x, q, -math.inf, 1)
@@ -192,7 +198,9 @@ def search_around(
 class _Goals:
     """Shapes with the tip at a point, found one after the other, and the search for a way to one of them."""
 
-    def __init__(self, search: Search, begin: Line, point: Array, tolerance_m: float, margin_m: float) -> None:
+    def __init__(
+        self, search: Search, begin: Line, point: Array, tolerance_m: float, margin_m: float
+    ) -> None:
         self._search, self._begin, self._point = search, begin, point
         self._tolerance_m, self._margin_m = tolerance_m, margin_m
         self._known = self._tried = self._grown = 0
@@ -207,8 +215,7 @@ class _Goals:
                 way = yield from self._try_goal()
             elif self._known:
                 self._grown += 1
-                way = search.grow()
-                yield
+                way = yield from search.grow()
             else:
                 way = self._use_nearest()
             if way is not None:
@@ -222,7 +229,9 @@ class _Goals:
             away = search.shapes.line(x, search.sample(), q, -math.inf)
             x, q = away.x[-1], away.q[-1]
         self._tried, self._grown = self._tried + 1, 0
-        goal = yield from search.shapes.with_tip_at(self._point, x, q, self._tolerance_m, 2.0 * search.margin_m)
+        goal = yield from search.shapes.with_tip_at(
+            self._point, x, q, self._tolerance_m, 2.0 * search.margin_m
+        )
         if goal is None:
             return None
         if self._nearest is None or goal.clearance_m[-1] > self._nearest.clearance_m[-1]:
@@ -268,7 +277,7 @@ def _smooth(shapes: HeldShapes, way: Way, spacing: float) -> Array:
 def _seen(shapes: HeldShapes, rows: Array, q: Array, margin_m: float) -> Planning[list[Line] | None]:
     """Look at all shapes of a way; None where it is not clear."""
     seen = []
-    for a, b in zip(rows[:-1], rows[1:], strict=True):
+    for a, b in pairwise(rows):
         line = shapes.line(a, b, q, margin_m)
         if not line.whole:
             return None
@@ -310,5 +319,6 @@ def _refuse_goal(known: Obstacles, point: Array, margin_m: float) -> None:
 def _contact(
     known: Obstacles, clearance_m: float, margin_m: float, place: int, index: int, where: str
 ) -> MotionError:
-    allowed = f"{1e3 * margin_m:g} mm or more between the arm, at {known.place_name(place)}, and {known.name(index)}"
-    return MotionError("contact", "way", f"a clearance of {1e3 * clearance_m:.1f} mm", f"{allowed}, {where}")
+    between = f"between the arm, at {known.place_name(place)}, and {known.name(index)}, {where}"
+    got, allowed = f"a clearance of {1e3 * clearance_m:.1f} mm", f"{1e3 * margin_m:.2g} mm or more {between}"
+    return MotionError("contact", "way", got, allowed)

@@ -14,6 +14,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.model import SoftArm
 from soro_core.robot.basis import knots, radius_profile, taper_at
+from soro_core.robot.surroundings import Contacts
 
 # How much nearer an obstacle may come between samples [m].
 ERROR_M = 5e-5
@@ -75,17 +76,18 @@ class Obstacles:
         return f"contacts.spheres[{index - len(self.planes)}] ({where})"
 
 
-def obstacles_of(arm: SoftArm, error_m: float = ERROR_M) -> Obstacles | None:
-    """Return the obstacles that the robot file of an arm knows, or None.
+def obstacles_of(arm: SoftArm, contacts: Contacts | None, error_m: float = ERROR_M) -> Obstacles | None:
+    """Return the obstacles that a robot file knows, and where an arm is looked at; None where it knows none.
 
     Parameters
     ----------
     arm : SoftArm
-        Of the controller.
+        That shall keep clear of them.
+    contacts : Contacts or None
+        What the file states.
     error_m : float
         How much nearer an obstacle may come between places and samples [m].
     """
-    contacts = arm.robot.contacts
     if contacts is None or not (contacts.planes or contacts.spheres):
         return None
     ends = np.cumsum([link.length for link in arm.robot.links])

@@ -58,7 +58,7 @@ class Tree:
         return np.array(self._x[k])
 
     def grow(self, target: Array, margin_m: float) -> tuple[int, bool]:
-        """Go from the nearest shape as far towards pressures as it is clear; the last shape, and if it is there."""
+        """Go from the nearest shape towards pressures while it is clear; the last shape, and if it is there."""
         k = int(np.argmin(self._shapes.apart(self._x[: self.n], target)))
         found: Line = self._shapes.line(self._x[k], target, self._q[k], margin_m)
         for x, q in zip(found.x[1:], found.q[1:], strict=True):
@@ -104,13 +104,15 @@ class Search:
         last, there = self.start.grow(self.goal.x(k), self.margin_m)
         return self.start.back(last) if there else None
 
-    def grow(self) -> Way | None:
+    def grow(self) -> Planning[Way | None]:
         """Grow both trees once; gives the way when they meet."""
         for one, other in ((self.start, self.goal), (self.goal, self.start)):
             towards = self.random.random() < _TOWARDS
             target = other.x(int(self.random.integers(other.n))) if towards else self.sample()
             k, _ = one.grow(target, self.margin_m)
+            yield
             j, met = other.grow(one.x(k), self.margin_m)
+            yield
             if met:
                 first, second = one.back(k), other.back(j)
                 way = Way(*(np.concatenate((a, b[-2::-1])) for a, b in zip(first, second, strict=True)))

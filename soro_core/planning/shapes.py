@@ -13,13 +13,14 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.model import SoftArm
 from soro_core.model.build import find_site
+from soro_core.model.tables import Site
 from soro_core.planning.kernel.walk import Surroundings, walk
 from soro_core.planning.obstacles import Obstacles
-from soro_core.robot.coordinates import strain_fields
 from soro_core.planning.steps import Planning
+from soro_core.robot.coordinates import strain_fields
 
-# Steps along the range of one chamber, by which its effect on the arm is known.
-_RANGE_STEPS = 8
+# Steps along the range of one chamber, by which its effect on the arm is known; least effect [m].
+_RANGE_STEPS, _SHORTEST_M = 8, 1e-6
 # Steps of a search for a shape with the tip at a point; its largest motion of the tip in one step, as a part
 # of the arm's length, and of what is freed; damping of a step.
 _GOAL_STEPS, _REACH, _FREED, _DAMPING = 24, 0.25, 0.05, 1e-3
@@ -69,7 +70,7 @@ class HeldShapes:
     looked_at : int
         Shapes that were found so far.
     motion_m : ndarray (n_u,)
-        How far the arm moves over the range of each chamber [m].
+        How far the arm moves over the range of each chamber [m], after `measure`.
     """
 
     def __init__(
@@ -79,21 +80,29 @@ class HeldShapes:
         self.low_pa, self.span_pa, self.limit = low_pa, high_pa - low_pa, limit
         fields = strain_fields(arm.robot)
         sites = [find_site(arm.robot, arm.tables, float(s)) for s in obstacles.places]
-        columns = [np.array([getattr(one, name) for one in sites]) for name in sites[0]._fields]
+        rows = {name: np.array([getattr(one, name) for one in sites]) for name in Site._fields}
         weight = np.where(fields.stretch, 1.0, fields.length)
         self._around = Surroundings(
-            *columns, obstacles.radius, obstacles.planes, obstacles.spheres, limit, weight
+            **rows,
+            radius=obstacles.radius,
+            planes=obstacles.planes,
+            spheres=obstacles.spheres,
+            limit=limit,
+            weight=weight,
         )
         self._boxes = arm._box, arm._room
         self.looked_at = 0
         self.motion_m = np.ones(arm.n_u)
-        self.motion_m = np.array([self._moved(u) for u in range(arm.n_u)])
 
-    def _moved(self, chamber: int) -> float:
-        end = np.eye(self.arm.n_u)[chamber]
-        found = self.line(np.zeros_like(end), end, np.zeros(self.arm.n_q), -math.inf, _RANGE_STEPS)
-        steps = np.linalg.norm(np.diff(found.places, axis=0), axis=2).sum(axis=0)
-        return max(float(steps.max(initial=0.0)), 1e-6)
+    def measure(self) -> Planning[None]:
+        """Find how far the arm moves over the range of each chamber."""
+        found = np.empty(self.arm.n_u)
+        for u, end in enumerate(np.eye(self.arm.n_u)):
+            line = self.line(np.zeros_like(end), end, np.zeros(self.arm.n_q), -math.inf, _RANGE_STEPS)
+            steps = np.linalg.norm(np.diff(line.places, axis=0), axis=2).sum(axis=0)
+            found[u] = max(float(steps.max(initial=0.0)), _SHORTEST_M)
+            yield
+        self.motion_m = found
 
     def apart(self, x: Array, other: Array) -> Array:
         """Return about how far the arm moves [m] between pressures (n, n_u) and others (n_u,)."""
@@ -121,7 +130,8 @@ class HeldShapes:
         self.looked_at += n if good == n else good + 2
         x = begin + np.arange(n + 1)[:, None] * change
         x[n] = end
-        return Line(*(one[: good + 1] for one in (x, *rows)), whole=good == n)
+        q, places, clearance = (one[: good + 1] for one in rows)
+        return Line(x[: good + 1], q, places, clearance, good == n)
 
     def with_tip_at(
         self, goal: Array, x: Array, q: Array, tolerance_m: float, margin_m: float
@@ -147,9 +157,9 @@ class HeldShapes:
         for i in range(_GOAL_STEPS):
             x, q = found.x[-1], found.q[-1]
             pose, jacobian = arm.pose_and_jacobian(q, arm.length)
-            away = goal - pose[:3, 3]
+            away = np.asarray(goal - pose[:3, 3])
             distance = float(np.linalg.norm(away))
-            near = self.obstacles.clearance(found.places[-1])
+            near: Array = self.obstacles.clearance(found.places[-1])
             clear = i >= _GOAL_STEPS // 2 or float(near.min()) >= margin_m
             if distance <= tolerance_m and clear:
                 return self.line(x, x, q, -math.inf, 1)
@@ -169,7 +179,7 @@ class HeldShapes:
     def _freeing(
         self, places: Array, clearance: Array, q: Array, moves: Array, margin_m: float
     ) -> tuple[Array, Array]:
-        """Return how clearances below a margin change with the pressures (k, n_u), and what they miss (k,)."""
+        """Return how clearances below a margin change with pressures (k, n_u), and what they miss (k,)."""
         known, slopes, missing = self.obstacles, [], []
         for index in np.flatnonzero(clearance.min(axis=0) < margin_m):
             k = int(np.argmin(clearance[:, index]))

@@ -70,7 +70,7 @@ class Mover:
         node.create_subscription(DiagnosticStatus, f"{names}/{STATUS}", self._reports.append, qos.RELIABLE)
         node.create_subscription(PoseStamped, f"{names}/{_DESIRED}", self._on_desired, qos.SENSOR)
 
-    def configure(self, parameters: Mapping[str, float]) -> None:
+    def configure(self, parameters: Mapping[str, float | bool]) -> None:
         """Set parameters of the controller.
 
         Raises

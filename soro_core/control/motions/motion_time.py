@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from soro_core.control.config import ControllerConfig
-from soro_core.planning.motion_error import MotionError
-from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, Slower, ToRest
-from soro_core.planning.steps import Planning
+from soro_core.control.motions.motion_parts import MotionSegment, Slower, ToRest
 from soro_core.control.motions.pressure_feasibility import PressureSupply, Rates, rates
 from soro_core.control.reference.reference_transition import Bounds
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.steps import Planning
 
 ON_THE_WAY = "on the way to the first pose"
 # Samples of a part at which rates of strain and the speed of the tip are taken.
@@ -68,7 +68,7 @@ class Timing:
             _BETWEEN * float(np.max(bounds.fields.peaks(np.array(rate)) / bounds.rate)),
         )
 
-    def factor(self, path: list[AlongPath]) -> Planning[float]:
+    def factor(self, path: Sequence[MotionSegment]) -> Planning[float]:
         """Find the smallest factor of time with which strains, pressures and set points keep their rates."""
         if not path:
             return 1.0
@@ -94,7 +94,7 @@ class Timing:
             raise self._too_fast(worst, strain, "path", factor)
         return float(factor)
 
-    def _worst(self, path: list[AlongPath], factor: float, share: float) -> Planning[Rates]:
+    def _worst(self, path: Sequence[MotionSegment], factor: float, share: float) -> Planning[Rates]:
         """Find the rates of the part that keeps them least."""
         found: list[Rates] = []
         for part in path:

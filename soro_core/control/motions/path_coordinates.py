@@ -11,9 +11,9 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.kinematics import inverse_kinematics
-from soro_core.planning.motion_error import MotionError
 from soro_core.control.motions.tip_path import TipLeg
 from soro_core.model import SoftArm
+from soro_core.planning.motion_error import MotionError
 from soro_core.planning.obstacles import listed
 from soro_core.planning.steps import Planning
 from soro_core.robot.coordinates import StrainFields

@@ -155,4 +155,5 @@ def walk(
         clearance[k] = _nearest(s, X[k], X[max(k - 1, 0)])
         if k > 0 and not clearance[k] >= margin_m:
             return k - 1
-    return Q.shape[0] - 1
+    last: int = Q.shape[0] - 1
+    return last

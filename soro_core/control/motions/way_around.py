@@ -1,0 +1,106 @@
+"""A motion around the obstacles that the robot file knows, to one point of the tip."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from soro_core.arrays import Array
+from soro_core.control.motions.motion import Planner, Route
+from soro_core.control.motions.motion_parts import AlongPath, Slower
+from soro_core.control.motions.pressure_feasibility import holding_pressure
+from soro_core.control.motions.speed_law import speed_law
+from soro_core.model import SoftArm
+from soro_core.planning.around import WayAround, search_around
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.steps import Planning
+
+# Multiples of the margin with which a way is sought: weight bends the links of a way between their ends.
+_MARGINS = (1.0, 2.0)
+# Least factor of time: the tip of an arm that turns about it does not move.
+_LEAST = 0.2
+
+
+def route_around(planner: Planner, q: Array, position: Array) -> Planning[Route]:
+    """Plan a way around the obstacles of the robot file, or the shortest in coordinates if there are none.
+
+    Parameters
+    ----------
+    planner : Planner
+    q : ndarray (n_q,)
+        Coordinates of the reference at the begin.
+    position : ndarray (3,)
+        Of the tip, in the world [m].
+
+    Yields
+    ------
+    None
+        After each step.
+
+    Returns
+    -------
+    Route
+
+    Raises
+    ------
+    MotionError
+        If there is no way, or the pressures cannot do it.
+    ModelError
+        If the arm has no rest at the begin.
+    """
+    contacts = planner.supply.arm.robot.contacts
+    if contacts is None or not (contacts.planes or contacts.spheres):
+        return (yield from planner.route(q, position[None], None))
+    for times in _MARGINS:
+        way = yield from _way(planner, q, position, times * planner.config.motion.margin_m)
+        if way.length_m[-1] <= 0.0:
+            return Route(way.q[0], (), 1.0, "")
+        part = _timed(planner, way)
+        try:
+            yield from planner.keep_clear(q, way.q[0], [part])
+            break
+        except MotionError:
+            if times == _MARGINS[-1]:
+                raise
+    settings = planner.config.motion
+    speed, acceleration, rate = yield from planner.timing.peaks(part)
+    longer = max(
+        speed / settings.speed_m_s, math.sqrt(acceleration / settings.acceleration_m_s2), rate, _LEAST
+    )
+    even = Slower(part, longer)
+    factor = yield from planner.timing.factor([even])
+    return Route(way.q[0], (Slower(part, longer * factor),), factor, "")
+
+
+def _way(planner: Planner, q: Array, position: Array, margin_m: float) -> Planning[WayAround]:
+    """Find a way with the learned load at the tip."""
+    supply, settings = planner.supply, planner.config.motion
+    robot = supply.arm.robot
+    assert robot.contacts is not None
+    arm = SoftArm(robot.replace(contacts=None, tip_mass=robot.tip_mass + planner.load_kg))
+    yield
+    return (
+        yield from search_around(
+            arm,
+            holding_pressure(supply, q),
+            position,
+            robot.contacts,
+            margin_m,
+            settings.tolerance_m,
+            settings.around_shapes,
+            limit=planner.bounds.strain,
+            near=q,
+            range_pa=(supply.setpoints.minimum_pa, supply.setpoints.maximum_pa),
+        )
+    )
+
+
+def _timed(planner: Planner, way: WayAround) -> AlongPath:
+    """Return the way at the speed that the tip may have, as if every place moved like the tip."""
+    from scipy.interpolate import CubicSpline  # imported here: few motions go around something
+
+    settings, length_m = planner.config.motion, float(way.length_m[-1])
+    law = speed_law(length_m, settings.speed_m_s, settings.acceleration_m_s2)
+    apart = np.concatenate(([True], np.diff(way.length_m) > 0.0))
+    return AlongPath(CubicSpline(way.length_m[apart], way.q[apart]), law)

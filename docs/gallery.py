@@ -45,8 +45,8 @@ Each [scene](README.md) is a file to run, read and change; the comment at its to
     soro scenes --folder my_scenes                   # which is listed too
 
 The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
-its path), the path of its true tip from above, or the pressures, and the distance of the tip from its
-reference. `make gallery` makes this page.
+its path), the path of its true tip from above, the pressures or the force at the tip, and the distance of the
+tip from its reference.
 """
 
 
@@ -73,6 +73,13 @@ def draw_pressures(axis: Any, shown: film.Take) -> None:
     axis.grid(alpha=0.3)
 
 
+def draw_force(axis: Any, shown: film.Take) -> None:
+    """Draw the force at the tip over time: estimated, true (pale) and wanted (dashed)."""
+    panels.draw_force(axis, view(shown))
+    axis.set(xlabel="time [s]", title="force at the tip", xlim=(0.0, shown.scene.duration_s))
+    axis.grid(alpha=0.3)
+
+
 def draw_error(axis: Any, shown: film.Take) -> None:
     """Draw the distance of the tip from its reference over time."""
     t, error = report.tip_error(shown.recording, shown.scene.duration_s)
@@ -94,7 +101,9 @@ def draw(scene: Scene, run_folder: Path) -> None:
     drawn.axis("off")
     wanted = report.within(shown.recording.wanted_tip, scene.duration_s).value
     across = np.ptp(wanted[:, :2], axis=0)
-    if across.min() > FLAT * across.max():
+    if shown.recording.wanted_force.t.size or scene.twin.wrench.at_s:
+        draw_force(axes[0], shown)
+    elif across.min() > FLAT * across.max():
         panels.draw_path(axes[0], view(shown))
     else:
         draw_pressures(axes[0], shown)

@@ -168,7 +168,8 @@ class Estimator:
             tick.extend(mean, parts, self._kept)
         fresh = admit(tick, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
         replay(self.filter, tick, fresh)
-        tick.monitors = watched(tick.monitors, tick.innovations, self.config.watch)
+        pushed = tick.force.external is not None and tick.force.external.stage != "free"
+        tick.monitors = watched(tick.monitors, tick.innovations, self.config.watch, pushed)
         if self._force is not None and tick.t_s >= tick.force.due_s - SAME_S:
             tick.force = self._observed(tick)
         state = tick.result()

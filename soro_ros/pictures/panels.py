@@ -11,8 +11,9 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_lab.scene import Scene
 from soro_ros.recordings.events import Event
-from soro_ros.recordings.recording import RunRecording, TopicSeries
+from soro_ros.recordings.recording import RunRecording, TopicSeries, has_stage
 from soro_ros.recordings.report import USUAL, WINDOW_S, in_control, tip_error, within
+from soro_ros.status_words import STAGES
 from soro_ros.view.arm_shape import COLOURS
 
 # Estimates of a law that belong to the matrix W of a learned force.
@@ -210,16 +211,11 @@ def _is_weight(name: str) -> bool:
 
 
 def draw_force(axis: Any, view: View) -> None:
-    """Draw the force on the arm at its tip: estimated with twice its deviation, true, and the goal."""
-    estimated, doubt, true, wanted = map(
-        view.shown,
-        (
-            view.recording.estimated_force,
-            view.recording.force_doubt,
-            view.recording.true_force,
-            view.recording.wanted_force,
-        ),
-    )
+    """Draw the force on the arm at its tip: estimated with twice its deviation, true, goal; stages."""
+    recording = view.recording
+    known = map(view.controlled, (recording.estimated_force, recording.force_doubt))
+    estimated, doubt, true, wanted = map(view.shown, (*known, recording.true_force, recording.wanted_force))
+    _shade_stages(axis, doubt)
     for k, name in enumerate("xyz"):
         for series, style in (
             (true, {"lw": 2.5, "alpha": 0.35}),
@@ -237,6 +233,23 @@ def draw_force(axis: Any, view: View) -> None:
         room = 0.25 * (high - low) + 0.01
         axis.set(ylim=(1e3 * (low - room), 1e3 * (high + room)))
     axis.set(ylabel="force [mN]")
+
+
+def _shade_stages(axis: Any, doubt: TopicSeries) -> None:
+    """Shade the times of an outside force and of a contact."""
+    for name, alpha in zip(STAGES[1:], (0.1, 0.22), strict=True):
+        edges = np.flatnonzero(np.diff(has_stage(doubt, name).astype(int), prepend=0, append=0))
+        for k, (begin, end) in enumerate(zip(edges[::2], edges[1::2], strict=True)):
+            label = None if k else name
+            axis.axvspan(*doubt.t[[begin, end - 1]], color="C5", alpha=alpha, lw=0, zorder=0, label=label)
+
+
+def is_pushed(view: View) -> bool:
+    """Return whether a force is in the run: one that is true, wanted, or of a contact."""
+    recording, doubt = view.recording, view.controlled(view.recording.force_doubt)
+    return bool(
+        recording.wanted_force.t.size or recording.true_force.value.any() or has_stage(doubt, "contact").any()
+    )
 
 
 def mark(axis: Any, events: Sequence[Event], begin_s: float, end_s: float) -> None:

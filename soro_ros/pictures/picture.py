@@ -32,7 +32,7 @@ _RUN = (panels.PATH, panels.ERROR, panels.PRESSURES, panels.ESTIMATES)
 
 
 def draw(recording: RunRecording, scene: Scene, file: Path) -> None:
-    """Draw a run: tip and reference, error, pressures, parameter estimates.
+    """Draw a run: tip and reference, error, pressures, parameter estimates, and a force if there is one.
 
     Parameters
     ----------
@@ -51,7 +51,8 @@ def draw(recording: RunRecording, scene: Scene, file: Path) -> None:
     adaptation = "on" if scene.controller.adapt else "off"
     what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"
     title = f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}"
-    figure = picture(_RUN, view, title)
+    chosen = (*_RUN, panels.FORCE) if panels.is_pushed(view) else _RUN
+    figure = picture(chosen, view, title)
     figure.savefig(file, dpi=110)
     pyplot.close(figure)
 
@@ -66,7 +67,9 @@ def _payload(scene: Scene) -> str:
 
 
 def picture(chosen: Sequence[Panel], view: View, title: str) -> Figure:
-    """Return panels in two columns, those of a shadow below them, with the events of the run.
+    """Return panels in two columns, a last odd one as wide as both, with the events of the run.
+
+    Those of a shadow stand below them.
 
     Parameters
     ----------
@@ -79,10 +82,14 @@ def picture(chosen: Sequence[Panel], view: View, title: str) -> Figure:
     columns = min(2, len(chosen))
     rows = -(-len(chosen) // columns) + beside
     figure, axes = _axes(rows, columns, (6 * columns, 5 * rows))
-    for axis, panel in zip(axes.flat, chosen, strict=False):
+    even = len(chosen) - len(chosen) % columns
+    for axis, panel in zip(axes.flat, chosen[:even], strict=False):
         fill(axis, panel, view)
-    for axis in axes.flat[len(chosen) : -2 if beside else None]:
-        axis.set_visible(False)
+    if even < len(chosen):
+        row = even // columns
+        for axis in axes[row]:
+            axis.remove()
+        fill(figure.add_subplot(axes[row, 0].get_gridspec()[row, :]), chosen[-1], view)
     if beside:
         draw_shadow(axes[-1], view)
     figure.suptitle(title)

@@ -110,9 +110,13 @@ def contacts_of(t_s: Array, touches: NDArray[np.bool_], force_n: Array) -> tuple
 
 
 def under_control(events: Sequence[Event], end_s: float) -> tuple[Event, ...]:
-    """Return events without the warnings behind the first trip, or behind the end of control [s]."""
+    """Return events without the warnings and contacts behind the first trip or the end of control [s]."""
     last_s = min((event.t_s for event in events if event.kind == "trip"), default=end_s)
-    return tuple(event for event in events if event.kind != "warning" or event.t_s <= min(last_s, end_s))
+    return tuple(
+        event
+        for event in events
+        if event.kind not in ("warning", "contact") or event.t_s <= min(last_s, end_s)
+    )
 
 
 def clock(log_ns: Sequence[int], stamp_ns: Sequence[int], start_ns: int) -> Callable[[int], float]:

@@ -13,7 +13,7 @@ from soro_lab.scene import Scene
 from soro_ros.recordings import report
 from soro_ros.recordings.causes import Bound, Evidence
 from soro_ros.recordings.events import warnings_at
-from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries, touches
+from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries, has_stage
 from soro_ros.recordings.wiring_of_run import wiring_answers
 
 # Samples a second in which a swing is looked for; frequencies [Hz] below which it is the reference's motion.
@@ -53,7 +53,7 @@ def evidence_of(recording: RunRecording, scene: Scene, summary: report.Summary) 
     if summary.saturated_part > max(scene.verdict.at_bound_part, at_bound):
         at_bound, bounded = summary.saturated_part, report.within(recording.command, end_s)
     doubt = _last(recording.force_doubt, end_s)
-    touching = touches(doubt)
+    touching = has_stage(doubt, "contact")
     pushed = recording.estimated_force.at(doubt.t[touching]) if touching.any() else np.zeros((1, 3))
     return Evidence(
         error=summary.tip_error_last_rms_m / length,

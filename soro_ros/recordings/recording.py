@@ -26,6 +26,7 @@ from soro_ros.status_words import STAGES, is_requested
 if TYPE_CHECKING:  # a run without ROS is a recording too
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
+    from soro_core.adaptation.external_force import Stage
     from soro_lab.bag import BagMessage, BagReader
 
 # Topics of an arm that the pictures show; an arm is a namespace with one of them.
@@ -255,17 +256,17 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
     )
 
 
-def touches(doubt: TopicSeries) -> NDArray[np.bool_]:
-    """Return at which samples (n,) of `RunRecording.force_doubt` the arm touches something."""
+def has_stage(doubt: TopicSeries, stage: Stage) -> NDArray[np.bool_]:
+    """Return at which samples (n,) of `RunRecording.force_doubt` the force has this stage."""
     if "stage" not in doubt.names:
         return np.zeros(doubt.t.size, dtype=bool)
-    return np.asarray(doubt.value[:, doubt.names.index("stage")] == STAGES.index("contact"))
+    return np.asarray(doubt.value[:, doubt.names.index("stage")] == STAGES.index(stage))
 
 
 def _contacts(doubt: TopicSeries, estimated: TopicSeries) -> tuple[Event, ...]:
     if not (doubt.t.size and estimated.t.size):
         return ()
-    return contacts_of(doubt.t, touches(doubt), np.linalg.norm(estimated.at(doubt.t), axis=1))
+    return contacts_of(doubt.t, has_stage(doubt, "contact"), np.linalg.norm(estimated.at(doubt.t), axis=1))
 
 
 def arms(reader: BagReader) -> tuple[str, ...]:

@@ -8,6 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+
 from soro_lab.scene import Scene
 from soro_ros.recordings.causes import AT_LIMIT_PART, end_of_commands, probable_cause
 from soro_ros.recordings.events import warnings_at
@@ -160,17 +162,20 @@ def _requested(recording: RunRecording) -> tuple[str, ...]:
 
 
 def _touched(recording: RunRecording) -> tuple[str, ...]:
-    """Return a line on when the arm touched something under control, by what the estimator says."""
+    """Return a line on when the arm touched what no press wanted it to, by what the estimator says."""
     end_s = float(recording.wanted_tip.t[-1]) if recording.wanted_tip.t.size else 0.0
-    contacts = [event for event in recording.events if event.kind == "contact" and event.t_s < end_s]
-    times = [event.t_s for event in contacts]
-    if len(times) % 2:
-        times.append(end_s)
-    if not times:
+    events = [event for event in recording.events if event.kind == "contact"]
+    ends_s = [*(event.t_s for event in events[1::2]), end_s]
+    found = [
+        (event, until_s)
+        for event, until_s in zip(events[::2], ends_s, strict=False)
+        if not np.any(np.abs(recording.wanted_force.t - event.t_s) < MISSING_S)
+    ]
+    if not found:
         return ()
-    first, lasted_s = contacts[0], sum(times[1::2]) - sum(times[::2])
-    often = f", in {len(times) // 2} contacts" if len(times) > 2 else ""
-    return (f"{first.text} at {times[0]:.2f} s, for {lasted_s:.2f} s in all{often}",)
+    first, lasted_s = found[0][0], sum(until_s - event.t_s for event, until_s in found)
+    often = f", in {len(found)} contacts" if len(found) > 1 else ""
+    return (f"the arm {first.text} at {first.t_s:.2f} s, for {lasted_s:.2f} s in all{often}",)
 
 
 def _trip_s(recording: RunRecording) -> float:

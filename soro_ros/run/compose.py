@@ -6,6 +6,7 @@ import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from rclpy.node import Node
 
@@ -21,6 +22,7 @@ from soro_ros.host.claims import Claims
 from soro_ros.host.pulse import Pulse
 from soro_ros.recorder.recorded_topics import recorded_topics
 from soro_ros.run import processes
+from soro_ros.run.forks import ForkServer
 from soro_ros.run.loop_nodes import OBSERVERS, LoopNodes, control_loop
 from soro_ros.run.processes import Child, NodeError
 from soro_ros.run.start_progress import StartProgress
@@ -72,6 +74,8 @@ class Run:
         Signals that have ended the run, see `signals.noted`; the start stops as soon as there is one.
     loop : LoopNodes, optional
         Nodes between readings and commands; default: estimator and controller.
+    forks : ForkServer, optional
+        Starts the processes; without it each is a Python of its own.
     """
 
     def __init__(
@@ -81,7 +85,9 @@ class Run:
         report: Callable[[str], None],
         interrupted: Sequence[int] = (),
         loop: LoopNodes | None = None,
+        forks: ForkServer | None = None,
     ) -> None:
+        self._forks = forks
         self.scene, self.folder, self._report, self._interrupted = scene, folder, report, interrupted
         self._loop = loop or control_loop(scene)
         self.bag = folder / "bag"
@@ -134,11 +140,14 @@ class Run:
         SoroError
             If a process ends or a node reports an error.
         """
-        scene = self.scene
+        scene, forks = self.scene, self._forks
         self.check()
+        if forks is not None:
+            supervisor.wait("fork server", forks.has_answered, self.check, START_LIMIT_S)
         if scene.emulates:
             self._report(f"starting emulated valves of {scene.platform}")
-            valves = self._children["valves"] = start_valves(scene, folder=self.folder, links=self._links)
+            valves = start_valves(scene, self.folder, self._links, self._starter.start)
+            self._children["valves"] = valves
             wait_for_valves(valves, self.check)
         if scene.recorder.enabled:
             topics, exclude = recorded_topics(scene), scene.recorder.exclude
@@ -147,6 +156,8 @@ class Run:
                 mode=scene.mode, folder=str(self.bag), topics=topics, exclude=exclude, notes=notes
             )
             self._start_nodes(supervisor, {"recorder": recorder})
+        if forks is not None:
+            forks.warm(self.folder / "scene_used.yaml")
         nodes: dict[str, Strict] = {}
         if scene.arm != "real":
             nodes["twin"] = scene.twin_node(str(self._links.plant), str(self._links.faults))
@@ -156,6 +167,8 @@ class Run:
         if scene.markers:
             nodes["markers"] = scene.markers_node()
         supervisor.look()
+        if forks is not None:
+            self._wait_in_start(supervisor, "kernels", forks.has_answered, len(nodes))
         self._start_nodes(supervisor, nodes)
         if scene.platform:
             # Last, when no node compiles any more: its deadlines start with its first exchange.
@@ -328,6 +341,11 @@ class Run:
         return unclean
 
     @property
+    def _starter(self) -> Any:
+        """What starts a process."""
+        return self._forks or processes
+
+    @property
     def refused(self) -> bool:
         """Whether a node refused its configuration before the begin; after `end`."""
         return not self.has_started and 2 in self._status.values()
@@ -350,21 +368,16 @@ class Run:
     def _start_nodes(self, supervisor: RunMonitor, configs: Mapping[str, Strict]) -> None:
         """Start nodes with their parameters and wait until all of them are active."""
         self.check()
-        progress = self._progress = self._progress or StartProgress(self._report)
         supervisor.check_alone(configs)
         self._report(f"starting {', '.join(configs)}")
         for name, config in configs.items():
             ending = with_changes(config, end_on_failed_start=True)
             command = processes.node_command(name, ending, self.scene.name, self.folder)
             pipe = self._pulse.pipe if self._pulse is not None and name == self._driver else None
-            child = processes.start(name, command, self.folder, pipe=pipe)
+            child = self._starter.start(name, command, self.folder, pipe=pipe)
             self._children[name] = child
             self.nodes.append(name)
             supervisor.listen_to(name, child.process.pid)
-
-        def check() -> None:
-            self._check_start(supervisor)
-            progress.tell(sum(map(supervisor.active, self.nodes)), len(self.nodes))
 
         def missing() -> list[str]:
             return [name for name in configs if not supervisor.active(name)]
@@ -375,14 +388,24 @@ class Run:
                 "on a busy machine run it again: compiled kernels are kept"
             )
 
-        supervisor.wait(
-            "answer of all nodes",
-            lambda: not missing(),
-            check,
-            START_LIMIT_S,
-            progress.is_compiling,
-            advice,
-        )
+        self._wait_in_start(supervisor, "answer of all nodes", lambda: not missing(), advice=advice)
+
+    def _wait_in_start(
+        self,
+        supervisor: RunMonitor,
+        what: str,
+        ready: Callable[[], bool],
+        to_come: int = 0,
+        advice: Callable[[], str] = str,
+    ) -> None:
+        """Wait for a part of the start, which may compile, and tell how far it is; `to_come` nodes follow."""
+        progress = self._progress = self._progress or StartProgress(self._report)
+
+        def check() -> None:
+            self._check_start(supervisor)
+            progress.tell(sum(map(supervisor.active, self.nodes)), len(self.nodes) + to_come)
+
+        supervisor.wait(what, ready, check, START_LIMIT_S, progress.is_compiling, advice)
 
     def _check_start(self, supervisor: RunMonitor) -> None:
         """Raise SoroError if a process has ended, or another run has nodes of the same names.

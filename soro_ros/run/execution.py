@@ -193,6 +193,7 @@ def execute(
     End
     """
     from soro_ros.run.compose import Run
+    from soro_ros.run.forks import ForkServer
     from soro_ros.run.processes import NodeError
     from soro_ros.run.supervisor import RunMonitor
 
@@ -200,12 +201,13 @@ def execute(
         with contextlib.suppress(OSError):  # nobody reads it, or the disk is full: the arm goes on
             console.print(f"[dim]{escape(line)}[/dim]", soft_wrap=True)
 
-    run = Run(scene, folder, report, interrupted, loop)
+    forks = ForkServer(folder)  # before this process has threads
+    run = Run(scene, folder, report, interrupted, loop, forks)
     errors: list[str] = []
     failed = ""  # name of the node that failed first
     is_refused = False
     try:
-        with RunMonitor(scene.name) as supervisor:
+        with forks, RunMonitor(scene.name) as supervisor:
             try:
                 run.claim(supervisor.node)
                 run.start(supervisor)

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import os
 import re
+import select
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,10 +20,7 @@ from pydantic import BaseModel
 
 from soro_core.errors import SoroError
 from soro_ros.host import pulse
-
-_PR_SET_PDEATHSIG = 1
-_PRCTL = ctypes.CDLL(None).prctl
-
+from soro_ros.run.fork_server import prepare
 
 # A line of a ROS log: level, time, logger, text.
 _LOGGED = re.compile(r"\[(\w+)\] \[[\d.]+\] \[[^]]*\]: (.*)")
@@ -39,12 +37,54 @@ class NodeError(SoroError):
         self.name = name
 
 
+class ForkedProcess:
+    """A child that this process has not started itself; the methods are those of `subprocess.Popen`.
+
+    Parameters
+    ----------
+    pid : int
+        Its process id.
+    """
+
+    def __init__(self, pid: int) -> None:
+        self.pid = pid
+        self.returncode: int | None = None
+
+    def poll(self) -> int | None:
+        """Return the exit status, negative after a signal; None while it runs."""
+        if self.returncode is None:
+            found, status = os.waitpid(self.pid, os.WNOHANG)
+            self.returncode = os.waitstatus_to_exitcode(status) if found else None
+        return self.returncode
+
+    def wait(self, timeout: float | None = None) -> int:
+        """Wait for the end; raises subprocess.TimeoutExpired after `timeout` [s]."""
+        if self.poll() is None:
+            descriptor = os.pidfd_open(self.pid)
+            try:
+                select.select([descriptor], [], [], timeout)
+            finally:
+                os.close(descriptor)
+        if (status := self.poll()) is None:
+            raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
+        return status
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, unless it has ended."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def terminate(self) -> None:
+        """Send SIGTERM."""
+        self.send_signal(signal.SIGTERM)
+
+
 @dataclass(frozen=True)
 class Child:
     """A running process and its log."""
 
     name: str
-    process: subprocess.Popen[bytes]
+    process: subprocess.Popen[bytes] | ForkedProcess
     log: Path
 
     def end_report(self, forced: bool = False) -> str:
@@ -64,7 +104,21 @@ class Child:
         return " | ".join(errors or (line.strip() for line in text)) or "nothing in its log"
 
 
-def start(name: str, command: list[str], folder: Path, priority: int = 0, pipe: int | None = None) -> Child:
+def log_of(name: str, folder: Path) -> Path:
+    """Return the file for the output of a process of a run; its folder exists then."""
+    log = folder / "log" / f"{name}.log"
+    log.parent.mkdir(parents=True, exist_ok=True)
+    return log
+
+
+def start(
+    name: str,
+    command: list[str],
+    folder: Path,
+    priority: int = 0,
+    pipe: int | None = None,
+    passed: Sequence[int] = (),
+) -> Child:
     """Start a process whose output goes to ``folder/log/NAME.log``.
 
     The process has its own session, so that Ctrl-C reaches the supervisor only, and gets SIGTERM when the
@@ -83,14 +137,14 @@ def start(name: str, command: list[str], folder: Path, priority: int = 0, pipe: 
         Above 0: priority of the scheduler SCHED_FIFO.
     pipe : int, optional
         Pipe of `pulse.Pulse`, for a process that listens to this one.
+    passed : sequence of int
+        Other descriptors that it keeps.
 
     Returns
     -------
     Child
     """
-    log = folder / "log" / f"{name}.log"
-    log.parent.mkdir(parents=True, exist_ok=True)
-    parent = os.getpid()
+    log, parent = log_of(name, folder), os.getpid()
     heard = {} if pipe is None else {pulse.VARIABLE: str(pipe)}
     with log.open("wb") as sink:
         process = subprocess.Popen(
@@ -99,8 +153,8 @@ def start(name: str, command: list[str], folder: Path, priority: int = 0, pipe: 
             stdout=sink,
             stderr=subprocess.STDOUT,
             start_new_session=True,
-            pass_fds=() if pipe is None else (pipe,),
-            preexec_fn=lambda: _prepare(parent, priority),
+            pass_fds=(*passed, *([] if pipe is None else [pipe])),
+            preexec_fn=lambda: prepare(parent, priority),
             # On busy cores a second thread of BLAS makes small matrices slower, up to 10 ms a call.
             env={"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONUNBUFFERED": "1", **heard},
         )
@@ -165,18 +219,7 @@ def stop(child: Child, limit_s: float) -> tuple[int, bool]:
     return process.wait(), forced
 
 
-def _wait_for_end(process: subprocess.Popen[bytes], limit_s: float) -> None:
+def _wait_for_end(process: subprocess.Popen[bytes] | ForkedProcess, limit_s: float) -> None:
     """Wait for the end of a process, at most `limit_s` [s]."""
     with contextlib.suppress(subprocess.TimeoutExpired):
         process.wait(limit_s)
-
-
-def _prepare(parent: int, priority: int) -> None:
-    """Prepare the child between fork and exec; no step may need a lock, which another thread may hold."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _PRCTL(_PR_SET_PDEATHSIG, signal.SIGTERM)
-    if os.getppid() != parent:  # the parent died before the request
-        os._exit(1)
-    if priority > 0:
-        with contextlib.suppress(OSError):  # without the right to it; the nodes report this
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))

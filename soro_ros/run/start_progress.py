@@ -24,7 +24,7 @@ class StartProgress:
         self._report = report
         self._before, self._done = kernels.compiled(), 0
         self._start_s = self._moved_s = time.monotonic()
-        self._told_s = -TELL_S
+        self._told_s = self._looked_s = -TELL_S
 
     def tell(self, ready: int, of: int) -> None:
         """Say how many kernels are compiled, when there is one and then every `TELL_S` while it goes on.
@@ -34,7 +34,10 @@ class StartProgress:
         ready, of : int
             Nodes that are active, and those that have been started.
         """
-        now_s, done = time.monotonic(), kernels.compiled() - self._before
+        now_s = time.monotonic()
+        if now_s - self._looked_s < TELL_S / 10:  # to count takes milliseconds
+            return
+        self._looked_s, done = now_s, kernels.compiled() - self._before
         has_moved = done > self._done
         if has_moved:
             self._done, self._moved_s = done, now_s

@@ -10,7 +10,6 @@ from pathlib import Path
 
 from soro_core.errors import SoroError
 from soro_lab.scene import Scene
-from soro_ros.run import processes
 from soro_ros.run.processes import Child
 
 # Emulated valves compile nothing.
@@ -40,7 +39,7 @@ class Links:
         self._folder.cleanup()
 
 
-def start_valves(scene: Scene, folder: Path, links: Links) -> Child:
+def start_valves(scene: Scene, folder: Path, links: Links, start: Callable[..., Child]) -> Child:
     """Start the emulated valves of a scene.
 
     Parameters
@@ -49,6 +48,8 @@ def start_valves(scene: Scene, folder: Path, links: Links) -> Child:
     folder : Path
         Of the run, for the log.
     links : Links
+    start : callable
+        `processes.start`, or that of a fork server.
     """
     command = [sys.executable, "-m", "soro_hardware.emulation", scene.platform]
     command += ["--device-link", str(links.device), "--plant-link", str(links.plant)]
@@ -57,7 +58,7 @@ def start_valves(scene: Scene, folder: Path, links: Links) -> Child:
     if scene.mode == "lockstep":
         command.append("--lockstep")
     # Above the priority of the driver: real devices have processors of their own.
-    return processes.start("valves", command, folder, 40 if scene.mode == "real_time" else 0)
+    return start("valves", command, folder, 40 if scene.mode == "real_time" else 0)
 
 
 def wait_for_valves(valves: Child, check: Callable[[], None]) -> None:

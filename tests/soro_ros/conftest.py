@@ -18,6 +18,7 @@ from tests.machine_lock import machine_lock
 
 pytest.importorskip("rclpy", reason="the ROS part is not installed on this platform")
 
+import rclpy
 from rclpy.node import Node
 
 from soro_hardware import timing
@@ -112,6 +113,16 @@ def domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[int]:
     """A domain of the test's own."""
     with own_domain(tmp_path_factory.mktemp("state")) as number:
         yield number
+
+
+@pytest.fixture
+def node(domain: int) -> Iterator[Node]:
+    """A node of a command."""
+    middleware.init()
+    node = Node("command")
+    yield node
+    node.destroy_node()
+    rclpy.shutdown()
 
 
 @pytest.fixture

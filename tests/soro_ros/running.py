@@ -19,18 +19,21 @@ from soro_lab.bag import BagReader
 from soro_ros.conversion import messages, qos
 from soro_ros.host import middleware
 from tests.patience import LIMIT_S
+from tests.soro_ros.warm import Popen
 
 SORO = [sys.executable, "-m", "soro_ros.cli"]
 SCENE = "track_circle"
 
 
-def start_run(folder: Path, *changes: str, scene: str = SCENE) -> subprocess.Popen[str]:
+def start_run(
+    folder: Path, *changes: str, scene: str = SCENE, popen: type[subprocess.Popen[str]] = Popen
+) -> subprocess.Popen[str]:
     """Start `soro run` with changes ``key=value``; without the probe, which takes seconds in real time."""
     if not any(change.startswith("controller.probe_at_enable") for change in changes):
         changes = (*changes, "controller.probe_at_enable=off")
     options = [option for change in changes for option in ("--set", change)]
     command = [*SORO, "run", scene, "--no-figure", "--folder", str(folder), *options]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def run(folder: Path, *changes: str, scene: str = SCENE, limit_s: float = 250) -> tuple[int, str, Path]:

@@ -1,6 +1,8 @@
 """The force on the arm as a user sees it: in bags, figures, pictures and events."""
 
 import shutil
+import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -21,7 +23,7 @@ from soro_lab.bag import BagReader, BagWriter, Topic
 from soro_ros.conversion import force, learning, messages
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.pictures import panels
-from soro_ros.pictures.picture import picture
+from soro_ros.pictures.picture import draw, picture
 from soro_ros.pictures.run_view import open_run
 from soro_ros.recordings import report
 from soro_ros.recordings.evidence import evidence_of
@@ -98,7 +100,10 @@ def test_a_force_in_a_bag_has_figures_events_a_note_and_a_panel(tmp_path):
     times = [event.t_s for event in run.recording.events if event.kind == "contact"]
     assert times == pytest.approx([TOUCHES_S, LEAVES_S], abs=1e-3)
     verdict = judge(summary, run.scene, End(), run.recording)
-    assert f"touches something, with {size} at 0.50 s, for 0.70 s in all" in verdict.notes
+    assert "touches" not in " ".join(verdict.notes), "a press touches on purpose"
+    by_chance = replace(run.recording, wanted_force=EMPTY)
+    verdict = judge(summary, run.scene, End(), by_chance)
+    assert f"the arm touches something, with {size} at 0.50 s, for 0.70 s in all" in verdict.notes
     seen = evidence_of(run.recording, run.scene, summary)
     assert (seen.touching, seen.pushed_n) == pytest.approx((0.35, np.linalg.norm(ESTIMATED)), abs=0.01)
 
@@ -113,7 +118,57 @@ def test_a_force_in_a_bag_has_figures_events_a_note_and_a_panel(tmp_path):
         pytest.approx((1e3 * (f - 2 * s), 1e3 * (f + 2 * s)))
         for f, s in zip(ESTIMATED, DEVIATION, strict=True)
     ]
+    (shade,) = axis.patches
+    assert (shade.get_label(), shade.get_x(), shade.get_width()) == (
+        "contact",
+        pytest.approx(TOUCHES_S, abs=0.01),
+        pytest.approx(LEAVES_S - TOUCHES_S, abs=0.01),
+    )
     pyplot.close(figure)
+
+
+@pytest.mark.parametrize(
+    ("kept", "shown"),
+    [
+        ((), False),
+        (("true_force",), True),
+        (("wanted_force",), True),
+        (("force_doubt", "estimated_force"), True),
+        (("estimated_force",), False),
+    ],
+    ids=["nothing", "true", "wanted", "contact", "no contact"],
+)
+def test_the_picture_of_a_run_shows_the_force_that_is_in_it(tmp_path, monkeypatch, kept, shown):
+    with_force(tmp_path, TYPES)
+    run = open_run(tmp_path)
+    forces = "true_force", "wanted_force", "force_doubt", "estimated_force"
+    recording = replace(run.recording, **{name: EMPTY for name in forces if name not in kept})
+    monkeypatch.setattr(pyplot, "close", lambda figure: None)
+    draw(recording, run.scene, tmp_path / "run.png")
+    titles = [axis.get_title() for axis in pyplot.gcf().axes]
+    monkeypatch.undo()
+    pyplot.close("all")
+    assert titles == [
+        panels.PATH.title,
+        panels.ERROR.title,
+        panels.PRESSURES.title,
+        panels.ESTIMATES.title,
+    ] + ([panels.FORCE.title] if shown else [])
+
+
+def test_what_an_empty_arm_touches_behind_its_run_is_no_event(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys.modules[__name__], "TOUCHES_S", 1.0)
+    monkeypatch.setattr(sys.modules[__name__], "LEAVES_S", 1e9)
+    with_force(tmp_path, TYPES)
+    whole = open_run(tmp_path).recording
+    assert whole.force_doubt.t[-1] > whole.wanted_tip.t[-1]
+    touched = [event for event in whole.events if event.kind == "contact"]
+    assert [event.text.split(",")[0] for event in touched] == ["touches something"]
+    monkeypatch.setattr(sys.modules[__name__], "TOUCHES_S", whole.wanted_tip.t[-1] + 0.005)
+    late = tmp_path / "late"
+    late.mkdir()
+    with_force(late, TYPES)
+    assert not [event for event in open_run(late).recording.events if event.kind == "contact"]
 
 
 def test_a_bag_without_a_force_says_nothing_of_it(tmp_path):

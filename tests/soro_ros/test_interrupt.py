@@ -44,7 +44,7 @@ MOMENTS = {
 @pytest.mark.parametrize("moment", MOMENTS)
 def test_ctrl_c_while_the_nodes_start_is_one_clean_end(domain, tmp_path, moment):
     runs = tmp_path / "runs"
-    process = start_run(runs, f"platform={patient_platform(tmp_path)}")
+    process = start_run(runs, f"platform={patient_platform(tmp_path)}", popen=subprocess.Popen)
     try:
         # Before the first line of `soro`, Python itself is what a Ctrl-C ends.
         wait_until(lambda: "pydantic_core" in mapped(process.pid), "import of the commands", every_s=0.001)

@@ -5,27 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from rclpy.node import Node
 
 from soro_ros.commands import move
 from soro_ros.conversion import messages
-from soro_ros.host import middleware
 from soro_ros.run import motion_client as moving
 from tests.refused import refused
 from tests.soro_ros.direct import captured, receive
 
 LINE = np.array([[0.0, 0.0, 0.066], [0.01, 0.0, 0.066]])
-
-
-@pytest.fixture
-def node(domain):
-    middleware.init()
-    node = Node("mover")
-    yield node
-    node.destroy_node()
-    rclpy.shutdown()
 
 
 class Scripted:

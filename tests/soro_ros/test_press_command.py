@@ -12,10 +12,10 @@ from soro_ros.run import motion_client as moving
 from tests.patience import COMPILED_S
 from tests.soro_ros.direct import captured
 from tests.soro_ros.running import SORO, ClockListener, end, only_run, payloads, start_run
-from tests.soro_ros.test_move_command import Scripted, node  # noqa: F401 -- a fixture
+from tests.soro_ros.test_move_command import Scripted
 
 
-def pressed(node, *states, hold_s=0.0):  # noqa: F811
+def pressed(node, *states, hold_s=0.0):
     caller, said = Scripted(node, *states), []
     presser = moving.Presser(caller, "/arm/controller", 0.3, said.append)
     caller.sent = captured(node, "/arm/arm/reference/wrench")
@@ -26,7 +26,7 @@ def forces(sent):
     return [(one.wrench.force.x, one.wrench.force.y, one.wrench.force.z) for one in sent]
 
 
-def test_a_force_is_held_and_then_let_go(node):  # noqa: F811
+def test_a_force_is_held_and_then_let_go(node):
     states = ("moving", "approaches"), ("moving", "in contact"), ("reached", "presses with 50.0 mN")
     status, said, sent = pressed(node, *states, ("reached", ""))
     assert status == 0
@@ -35,14 +35,14 @@ def test_a_force_is_held_and_then_let_go(node):  # noqa: F811
 
 
 @pytest.mark.parametrize(("end", "status"), [("lost", 1), ("refused", 2), ("replaced", 1), ("vented", 1)])
-def test_the_exit_status_is_that_of_the_end_and_a_lost_press_lets_go(node, end, status):  # noqa: F811
+def test_the_exit_status_is_that_of_the_end_and_a_lost_press_lets_go(node, end, status):
     found, said, sent = pressed(node, ("moving", ""), (end, "why"))
     assert found == status
     assert forces(sent) == [(0.0, 0.05, 0.0), *([(0.0, 0.0, 0.0)] if end == "lost" else [])]
     assert said[-1].startswith(f"{end}: why")
 
 
-def test_a_force_that_is_lost_while_it_is_held_is_status_1(node):  # noqa: F811
+def test_a_force_that_is_lost_while_it_is_held_is_status_1(node):
     status, said, sent = pressed(node, ("reached", ""), ("lost", "the force is 0 mN"), hold_s=5.0)
     assert (status, said[-1].split(",")[0]) == (1, "lost: the force is 0 mN")
     assert forces(sent)[-1] == (0.0, 0.0, 0.0)

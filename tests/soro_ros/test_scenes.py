@@ -73,6 +73,7 @@ def test_the_press_keeps_its_force_on_a_wall_that_nobody_told_it():
     assert settled.mean() == pytest.approx(0.08, rel=0.05)
     assert along[: round(6.0 * scene.rate_hz)].tolist() == [0.0] * round(6.0 * scene.rate_hz)
     assert ticks[-1].estimate.external.stage == "contact"
+    assert {tick.estimate.status.note for tick in ticks} == {""}, "a touch is no fault of the sensor"
 
 
 @pytest.mark.slow

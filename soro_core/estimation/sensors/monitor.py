@@ -19,6 +19,9 @@ _LARGEST_POSITION, _LARGEST = float(chdtri(_POSITION, 0.01)), float(chdtri(_WHOL
 
 # Variance over the stated one that is named.
 _NOISY = 4.0
+# Time for which a mean is above its bound before it is named [s]: that the arm meets something is known 0.2 s
+# after its first touch.
+_LASTS_S = 0.25
 
 
 class Innovation(NamedTuple):
@@ -59,6 +62,8 @@ class SensorMonitor(NamedTuple):
         Sum of the squared weights of the samples in the mean; its inverse is the number that counts.
     noise, orientation_noise : float
         Those of the last sample, see `Innovation`.
+    above_s : float
+        Time for which the mean has been above what is allowed [s].
     """
 
     stamp_s: float
@@ -68,6 +73,7 @@ class SensorMonitor(NamedTuple):
     squares: float = 1.0
     noise: float = 1.0
     orientation_noise: float = 1.0
+    above_s: float = 0.0
 
     @property
     def watched(self) -> float:
@@ -87,6 +93,14 @@ class SensorMonitor(NamedTuple):
         """Return the mean that a good sensor exceeds with the configured probability at most."""
         count = 1.0 / self.squares
         return _quantile(round(self.components * count, 1), config.nis_false_alarm) / count
+
+    def is_above(self, config: WatchConfig) -> bool:
+        """Return whether the mean is above what is allowed, as they are printed."""
+        # Up to its mean it is below every bound, whose quantile takes time.
+        if not self.watched > self.components:
+            return False
+        # A warning of 3.9 where 3.9 is allowed would be none.
+        return round(self.watched, 1) > round(self.allowed(config), 1)
 
 
 @lru_cache(maxsize=256)
@@ -118,7 +132,7 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
     # At first a mean: the first sample alone would count for the time constant.
     passed_s = state.passed_s + dt
     part = max(-math.expm1(-dt / config.nis_time_s), dt / (passed_s + dt))
-    return SensorMonitor(
+    after = SensorMonitor(
         seen.stamp_s,
         state.nis + part * (nis - state.nis),
         state.position_nis + part * (position - state.position_nis),
@@ -127,10 +141,14 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
         seen.noise,
         seen.orientation_noise,
     )
+    return after._replace(above_s=state.above_s + dt) if after.is_above(config) else after
 
 
 def watched(
-    monitors: Mapping[str, SensorMonitor], innovations: Iterable[Innovation], config: WatchConfig
+    monitors: Mapping[str, SensorMonitor],
+    innovations: Iterable[Innovation],
+    config: WatchConfig,
+    pushed: bool = False,
 ) -> dict[str, SensorMonitor]:
     """Return the monitors of the sensors after a tick.
 
@@ -141,10 +159,12 @@ def watched(
     innovations : iterable of Innovation
         Of the samples that are new, in the order of their stamps.
     config : WatchConfig
+    pushed : bool
+        Whether something pushes on the arm: the residual is that of the push, and the means begin anew.
     """
     after = dict(monitors)
     for seen in innovations:
-        old = after.get(seen.sensor)
+        old = None if pushed else after.get(seen.sensor)
         dt = seen.stamp_s - (old.stamp_s if old is not None else -math.inf)
         after[seen.sensor] = monitored(old, seen, dt, config)
     return after
@@ -161,18 +181,14 @@ def note_of(monitors: Mapping[str, SensorMonitor], t_s: float, silent_s: float, 
     config : WatchConfig
     """
     said = [
-        _noise_note(sensor, monitor) or _nis_note(sensor, monitor, config)
+        _noise_note(sensor, monitor) if monitor.noise > _NOISY else _nis_note(sensor, monitor, config)
         for sensor, monitor in monitors.items()
-        # Up to its mean it is below every bound, whose quantile takes time.
-        if t_s - monitor.stamp_s <= silent_s
-        and (monitor.watched > monitor.components or monitor.noise > _NOISY)
+        if t_s - monitor.stamp_s <= silent_s and (monitor.above_s >= _LASTS_S or monitor.noise > _NOISY)
     ]
-    return "; ".join(filter(None, said)) if said else ""
+    return "; ".join(said)
 
 
 def _noise_note(sensor: str, monitor: SensorMonitor) -> str:
-    if monitor.noise <= _NOISY:
-        return ""
     key = "imu.rate_std_rad_s" if math.isnan(monitor.position_nis) else "pose.position_std_m"
     return (
         f"{sensor}: noise {math.sqrt(monitor.noise):.1f} times {key}: look at the sensor, or state its noise"
@@ -181,9 +197,6 @@ def _noise_note(sensor: str, monitor: SensorMonitor) -> str:
 
 def _nis_note(sensor: str, monitor: SensorMonitor, config: WatchConfig) -> str:
     allowed = monitor.allowed(config)
-    # As they are printed: a warning of 3.9 where 3.9 is allowed would be none.
-    if round(monitor.watched, 1) <= round(allowed, 1):
-        return ""
     key = "imu" if math.isnan(monitor.position_nis) else "pose"
     return (
         f"{sensor}: NIS {monitor.watched:.1f}, allowed {allowed:.1f}: check its noise ({key}), its place "

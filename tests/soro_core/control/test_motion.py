@@ -27,9 +27,9 @@ HIGH = 0.066
 LINE = np.array([[-0.015, 0.0, HIGH], [0.015, 0.0, HIGH]])
 
 
-def controller(mass_kg=0.02, **motion):
+def controller(mass_kg=0.02, robot=None, **motion):
     config = parse({"motion": motion, "reference": {"kind": "hold"}}, ControllerConfig, "test")
-    control = Controller(load_robot(find_config("tue_three_bellow", "robots")), config)
+    control = Controller(robot or load_robot(find_config("tue_three_bellow", "robots")), config)
     state = control.initial_state()
     return control, replace(state, law=replace(state.law, estimate=np.array([mass_kg])))
 
@@ -234,6 +234,22 @@ def test_the_nearest_point_that_is_offered_can_be_held(goal, reason, before, hel
     if not before:
         away = np.linalg.norm(held_tips - goal, axis=1).min()
         assert np.linalg.norm(point - goal) < away + 3e-3
+
+
+def test_the_nearest_point_turns_with_the_base():
+    """Of an arm without weight, whose base is turned, the same pressures hold it."""
+    goal = 0.04, 0.03, 0.05
+    robot = load_robot("tue_three_bellow").replace(gravity=(0.0, 0.0, 0.0))
+    found = []
+    for quaternion in ((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0), (0.5, -0.1, 0.7, 0.5)):
+        turned = robot.replace(base_quaternion=quaternion / np.linalg.norm(quaternion))
+        base = SoftArm(turned).pose(np.zeros(3), 0.0)
+        control, state = controller(robot=turned)
+        there = base[:3, :3] @ goal + base[:3, 3]
+        with pytest.raises(MotionError) as caught:
+            finished(control.planner(state, DT).plan(REST, there[None], None, 0.0))
+        found.append(base[:3, :3].T @ (caught.value.nearest_m - base[:3, 3]))
+    assert np.ptp(found, axis=0).max() < 1e-4
 
 
 @pytest.mark.parametrize(

@@ -10,6 +10,7 @@ from soro_core.config import parse
 from soro_core.control import ControllerConfig
 from soro_core.errors import ConfigError
 from soro_core.estimation import EstimatorConfig
+from soro_core.estimation.sensors import monitor as monitoring
 from soro_core.estimation.sensors.monitor import Innovation, SensorMonitor, monitored, note_of
 from soro_core.estimation.sensors.samples import pose_sensor
 from soro_core.estimation.sensors.watch_config import WatchConfig
@@ -67,11 +68,12 @@ def test_a_pose_that_a_coarse_sensor_repeats_says_nothing_of_its_noise():
 
 def test_a_residual_at_its_bound_is_not_named():
     """A warning of as much as is allowed, as it is printed, would say nothing."""
-    at = SensorMonitor(0.0, 3.0, 1.0, squares=0.01)
+    at = SensorMonitor(0.0, 3.0, 1.0, passed_s=100.0, squares=0.005, above_s=1.0)
     allowed = at.allowed(CONFIG)
     for factor, is_named in ((0.999, False), (1.0001, False), (1.1, True)):
-        monitors = {SENSOR: at._replace(position_nis=factor * allowed)}
-        note = note_of(monitors, 0.1, 1.0, CONFIG)
+        value = factor * allowed
+        after = monitored(at._replace(position_nis=value), Innovation(SENSOR, 0.01, 3.0, value), 0.01, CONFIG)
+        note = note_of({SENSOR: after}, 0.1, 1.0, CONFIG)
         assert bool(note) == is_named
         said = re.findall(r"\d+\.\d", note.removeprefix(SENSOR))
         assert len(said) == len(set(said))
@@ -139,6 +141,22 @@ def test_the_mean_follows_its_time_constant_and_one_outlier_counts_little():
     assert 1.0 / state.squares == pytest.approx(2.0 / 0.01, rel=0.01)
     outlier = watched([*np.full(1000, 3.0), 1e6])
     assert outlier.position_nis < outlier.allowed(CONFIG)
+
+
+def test_a_touch_whose_push_becomes_known_is_no_fault_of_the_sensor():
+    """Its residual grows before anything says so; a sensor that gets worse is named."""
+    good, bad = [Innovation(SENSOR, 0.0, value, value) for value in (3.0, 11.0)]
+
+    def notes(known_s):
+        monitors = {}
+        for k in range(600):
+            t_s = 0.01 * k
+            one = (bad if t_s > 3.0 else good)._replace(stamp_s=t_s)
+            monitors = monitoring.watched(monitors, [one], CONFIG, pushed=t_s >= known_s)
+            yield note_of(monitors, t_s, 1.0, CONFIG)
+
+    assert not any(notes(known_s=3.25))
+    assert sum(map(bool, notes(known_s=np.inf))) > 200
 
 
 @pytest.mark.parametrize("probability", [0.1, 0.01])

@@ -29,8 +29,8 @@ from soro_core.robot.surroundings import Contacts
 # How much nearer an obstacle may come between samples and places while a way is sought [m].
 COARSE_M = 4e-4
 # Goals before the search, growths between two that are added, and most of them; starts from which one is
-# sought before the point counts as out of reach.
-_GOALS, _EVERY, _MOST_GOALS, _STARTS = 6, 30, 40, 200
+# sought if none is clear, and if none is found.
+_GOALS, _EVERY, _MOST_GOALS, _STARTS, _WITHOUT = 6, 30, 40, 120, 40
 # Distance between the control points of the smooth way, as a part of its length: the first that is clear.
 _SPACINGS = (0.25, 0.12, 0.06, 0.03, 0.015, 0.007)
 # Largest motion of the arm between two shapes of the smooth way, as a part of its length; fewest shapes.
@@ -210,7 +210,8 @@ class _Goals:
         """Find the next way; None after `most` shapes."""
         search = self._search
         while search.shapes.looked_at < most:
-            few = self._known < _GOALS and self._tried < _STARTS
+            starts = _WITHOUT if self._nearest is None else _STARTS
+            few = self._known < _GOALS and self._tried < starts
             if few or (self._known < _MOST_GOALS and self._grown >= _EVERY):
                 way = yield from self._try_goal()
             elif self._known:

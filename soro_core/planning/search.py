@@ -58,7 +58,7 @@ class Tree:
         return np.array(self._x[k])
 
     def grow(self, target: Array, margin_m: float) -> tuple[int, bool]:
-        """Go from the nearest shape towards pressures while it is clear; the last shape, and if it is there."""
+        """Go from the nearest shape towards pressures while it is clear; gives where it ends."""
         k = int(np.argmin(self._shapes.apart(self._x[: self.n], target)))
         found: Line = self._shapes.line(self._x[k], target, self._q[k], margin_m)
         for x, q in zip(found.x[1:], found.q[1:], strict=True):

@@ -18,8 +18,12 @@ from soro_core.planning.steps import Planning
 
 # Multiples of the margin with which a way is sought: weight bends the links of a way between their ends.
 _MARGINS = (1.0, 2.0)
+# Part of the range of the pressures that is left at both ends, for creep, inertia and feedback.
+_EDGE = 0.02
 # Least factor of time: the tip of an arm that turns about it does not move.
 _LEAST = 0.2
+# Samples between two shapes of a way.
+_EVEN = 4
 
 
 def route_around(planner: Planner, q: Array, position: Array) -> Planning[Route]:
@@ -76,7 +80,8 @@ def route_around(planner: Planner, q: Array, position: Array) -> Planning[Route]
 def _way(planner: Planner, q: Array, position: Array, margin_m: float) -> Planning[WayAround]:
     """Find a way with the learned load at the tip."""
     supply, settings = planner.supply, planner.config.motion
-    robot = supply.arm.robot
+    robot, low, high = supply.arm.robot, supply.setpoints.minimum_pa, supply.setpoints.maximum_pa
+    edge = _EDGE * (high - low)
     assert robot.contacts is not None
     arm = SoftArm(robot.replace(contacts=None, tip_mass=robot.tip_mass + planner.load_kg))
     yield
@@ -91,16 +96,26 @@ def _way(planner: Planner, q: Array, position: Array, margin_m: float) -> Planni
             settings.around_shapes,
             limit=planner.bounds.strain,
             near=q,
-            range_pa=(supply.setpoints.minimum_pa, supply.setpoints.maximum_pa),
+            range_pa=(low + edge, high - edge),
         )
     )
 
 
 def _timed(planner: Planner, way: WayAround) -> AlongPath:
-    """Return the way at the speed that the tip may have, as if every place moved like the tip."""
+    """Return the way at the speed that the tip may have, slower where the tip turns."""
     from scipy.interpolate import CubicSpline  # imported here: few motions go around something
+    from scipy.ndimage import gaussian_filter1d
 
-    settings, length_m = planner.config.motion, float(way.length_m[-1])
-    law = speed_law(length_m, settings.speed_m_s, settings.acceleration_m_s2)
+    speed, most = planner.config.motion.speed_m_s, planner.config.motion.acceleration_m_s2
     apart = np.concatenate(([True], np.diff(way.length_m) > 0.0))
-    return AlongPath(CubicSpline(way.length_m[apart], way.q[apart]), law)
+    length, tip, q = way.length_m[apart], way.tip_m[apart], way.q[apart]
+    even = np.linspace(0.0, length[-1], _EVEN * len(length))
+    curve = CubicSpline(length, tip)
+    fast, turning = (np.linalg.norm(curve(even, k), axis=1) for k in (1, 2))
+    # At this rate of the distance the tip has its speed, or the acceleration that its turn may take.
+    slower = np.maximum(np.maximum(fast, speed * np.sqrt(turning / most)), _LEAST)
+    slower = gaussian_filter1d(slower, 2.0 * _EVEN, mode="nearest")
+    middle = 0.5 * (slower[1:] + slower[:-1])
+    distance = np.concatenate(([0.0], np.cumsum(middle * np.diff(even))))
+    law = speed_law(float(distance[-1]), speed, most)
+    return AlongPath(CubicSpline(np.interp(length, even, distance), q), law)

@@ -7,12 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.options import Options
-from benchmarks.report import table
 from soro_core import Robot, SoftArm, load_robot
 from soro_core.arrays import Array
-from soro_core.config import parse
-from soro_core.control import ControllerConfig
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.planning.around import WayAround, plan_around
 from soro_core.planning.motion_error import MotionError
@@ -24,6 +20,8 @@ WORLDS, MARGIN_M, LOAD_KG = 200, 2e-3, 0.02
 SHAPES, LONG = 40_000, 1_200_000
 # Worlds whose way the twin follows.
 FOLLOWED = 10
+# Sets of balls that are drawn for a way.
+_DRAWS = 20
 
 
 def two_links() -> Robot:
@@ -40,8 +38,6 @@ class World:
     start_pa: Array
     goal_m: Array
     obstacles: Contacts
-    is_blocked: bool
-    """Whether the arm meets a ball on the straight way in pressures."""
 
 
 def clearance(arm: SoftArm, q: Array, obstacles: Contacts) -> float:
@@ -53,8 +49,18 @@ def clearance(arm: SoftArm, q: Array, obstacles: Contacts) -> float:
 
 
 def world(arm: SoftArm, seed: int) -> World:
-    """Return a random world: 3 to 6 balls, each near the straight way and clear of its ends."""
+    """Return a random world: 3 to 6 balls, clear of both ends of the straight way, which they block."""
     random = np.random.default_rng(seed)
+    while True:
+        shapes, start_pa = ends(arm, random)
+        for _ in range(_DRAWS):
+            found = balls(arm, shapes, random)
+            if clearance(arm, shapes, found) < 0.0:
+                return World(start_pa, arm.pose(shapes[-1], arm.length)[:3, 3], found)
+
+
+def ends(arm: SoftArm, random: np.random.Generator) -> tuple[Array, Array]:
+    """Return shapes (n, n_q) on a straight way in pressures, and the pressures at its begin (n_u,)."""
     low, high = arm.robot.input_range
     while True:
         begin, end = (random.uniform(low, high) * (random.random(arm.n_u) < 0.5) for _ in range(2))
@@ -63,16 +69,19 @@ def world(arm: SoftArm, seed: int) -> World:
             rows.append(equilibrium(arm, begin + x * (end - begin), rows[-1]))
         tips = arm.poses(np.array(rows), arm.length)[:, :3, 3]
         if np.linalg.norm(tips[-1] - tips[0]) > 0.03:
-            break
-    shapes, wanted, balls = np.array(rows), random.integers(3, 7), ()
-    while len(balls) < wanted:
+            return np.array(rows), begin
+
+
+def balls(arm: SoftArm, shapes: Array, random: np.random.Generator) -> Contacts:
+    """Return 3 to 6 balls near shapes (n, n_q) of an arm and clear of the first and the last one."""
+    wanted, found = random.integers(3, 7), ()
+    while len(found) < wanted:
         at = arm.pose(shapes[random.integers(len(shapes))], random.uniform(0.3, 1.0) * arm.length)[:3, 3]
         centre, radius = at + random.normal(0.0, 0.02, 3), float(random.uniform(0.005, 0.012))
         one = Sphere(centre=tuple(centre), radius=radius, stiffness=1e3)
         if clearance(arm, shapes[[0, -1]], Contacts(spheres=(one,))) > MARGIN_M:
-            balls = (*balls, one)
-    found = Contacts(spheres=balls)
-    return World(begin, tips[-1], found, clearance(arm, shapes, found) < 0.0)
+            found = (*found, one)
+    return Contacts(spheres=found)
 
 
 def planned(arm: SoftArm, one: World, shapes: int) -> tuple[WayAround | None, float]:

@@ -7,12 +7,22 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core import Robot, SoftArm, load_robot
+from benchmarks.options import Options
+from benchmarks.report import table
+from soro_core import Loop, Robot, SoftArm, load_robot
 from soro_core.arrays import Array
+from soro_core.config import parse
+from soro_core.control import Controller, ControllerConfig, Reference
+from soro_core.control.motions.way_around import route_around
+from soro_core.control.reference.active_reference import reference_ahead
+from soro_core.estimation import Estimator
+from soro_core.loop import LoopState
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.planning.around import WayAround, plan_around
 from soro_core.planning.motion_error import MotionError
+from soro_core.planning.steps import finished
 from soro_core.robot.surroundings import Contacts, Sphere
+from soro_core.twin import Twin
 
 TITLE = "Ways around obstacles"
 WORLDS, MARGIN_M, LOAD_KG = 200, 2e-3, 0.02
@@ -22,6 +32,8 @@ SHAPES, LONG = 40_000, 1_200_000
 FOLLOWED = 10
 # Sets of balls that are drawn for a way.
 _DRAWS = 20
+# Time before and after a motion in the twin [s]; most ticks, and ticks between two looks at the arm.
+_SETTLED_S, _TICKS, _EACH = 1.0, 20_000, 5
 
 
 def two_links() -> Robot:
@@ -92,3 +104,86 @@ def planned(arm: SoftArm, one: World, shapes: int) -> tuple[WayAround | None, fl
     except MotionError:
         return None, time.process_time() - begun
     return way, time.process_time() - begun
+
+
+def followed(robot: Robot, seed: int) -> tuple[float, float] | None:
+    """Return the least clearance [m] of the arm in the twin, and the end of its tip from the goal [m].
+
+    The way begins where the arm hangs without pressure; None where there is none.
+    """
+    random = np.random.default_rng(seed)
+    arm = SoftArm(robot)
+    rest = equilibrium(arm, np.zeros(arm.n_u))
+    while True:
+        _, pressure = ends(arm, random)
+        shapes = np.array([equilibrium(arm, x * pressure, rest) for x in np.linspace(0.0, 1.0, 9)])
+        found = balls(arm, shapes, random)
+        if clearance(arm, shapes, found) < 0.0:
+            break
+    goal = arm.pose(shapes[-1], arm.length)[:3, 3]
+    config = parse({"law": "composite", "reference": {"kind": "hold"}}, ControllerConfig, "benchmark")
+    controller = Controller(robot.replace(contacts=found.model_dump()), config)
+    loop, twin, motions = Loop(Estimator(robot), controller), Twin(robot), []
+
+    def reference(t: float, state: LoopState) -> Reference | None:
+        if t >= _SETTLED_S and not motions:
+            planner = controller.planner(state.controller, twin.dt)
+            begin = reference_ahead(controller.bounds, state.controller.following, 0.0)
+            route = finished(route_around(planner, begin.q, goal))
+            motions.append(finished(planner.motion(route, begin, t - twin.dt)))
+        return motions[-1] if motions else None
+
+    least, tip = np.inf, goal
+    try:
+        for tick in loop.run(twin, _TICKS, twin.dt, reference=reference, before_s=-twin.dt):
+            if motions and tick.t_s > motions[0].end_s + _SETTLED_S:
+                break
+            if tick.plant.tick % _EACH == 0:
+                least = min(least, clearance(twin.plant.arm, tick.plant.arm.q, found))
+            tip = tick.seen.tip[:3, 3]
+    except MotionError:
+        return None
+    return least, float(np.linalg.norm(tip - goal))
+
+
+def run(options: Options) -> str:
+    """Measure and write."""
+    robot = two_links()
+    arm = SoftArm(robot.replace(tip_mass=LOAD_KG))
+    planned(arm, world(arm, 0), SHAPES)  # compiles
+    times, gaps, looked, unsolved, solvable = [], [], [], 0, 0
+    for seed in range(options.pick(WORLDS, 2)):
+        options.say(f"ways around: world {seed}")
+        one = world(arm, seed)
+        way, seconds = planned(arm, one, SHAPES)
+        times.append(seconds)
+        if way is not None:
+            gaps.append(clearance(arm, way.q, one.obstacles))
+            looked.append(way.shapes)
+            continue
+        unsolved += 1
+        solvable += planned(arm, one, options.pick(LONG, 100))[0] is not None
+    number, solved = len(times), len(times) - unsolved
+    share = 100.0 * solved / max(solved + solvable, 1)
+    rows = [
+        ["worlds; solved; of those that a search of a minute solves", f"{number}; {solved}; {share:.1f} %"],
+        ["time, median and longest", f"{np.median(times):.3f} and {max(times):.2f} s"],
+        ["shapes that were looked at, median", f"{np.median(looked):.0f}"],
+        ["least clearance by dense samples", f"{1e3 * min(gaps):.2f} mm of {1e3 * MARGIN_M:g}"],
+    ]
+    ran = []
+    for seed in range(options.pick(FOLLOWED, 1)):
+        options.say(f"ways around: twin, world {seed}")
+        found = followed(robot.replace(tip_mass=LOAD_KG), seed)
+        if found is not None:
+            ran.append(found)
+    if ran:
+        least, off = np.array(ran).T
+        rows.append([f"least clearance in the twin, {len(ran)} worlds", f"{1e3 * least.min():.2f} mm"])
+        rows.append(["tip from the goal at the end, largest", f"{1e3 * off.max():.2f} mm"])
+    return (
+        f"Three-bellow arm twice, hanging, with {1e3 * LOAD_KG:g} g; 3 to 6 balls of 5 to 12 mm, clear of "
+        "both ends of a straight way in pressures, which they block. Times of the processor, one core, with "
+        f"{SHAPES} shapes at most; a search of a minute looks at {LONG}. The twin has four links a link, and "
+        f"begins where the arm hangs without pressure.\n\n{table(['', ''], rows)}"
+    )

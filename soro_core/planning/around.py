@@ -7,8 +7,9 @@ smoothed within the pressures between which it was found, and looked at again as
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,8 +21,8 @@ from soro_core.model.checks import finite, number, require, shaped
 from soro_core.model.equilibrium.statics import stable_equilibrium
 from soro_core.planning.motion_error import MotionError
 from soro_core.planning.obstacles import Obstacles, listed, obstacles_of
-from soro_core.planning.search import Search, Way
-from soro_core.planning.shapes import HeldShapes, Line
+from soro_core.planning.search import Way, WaySearch
+from soro_core.planning.shapes import HeldLine, HeldShapes
 from soro_core.planning.steps import Planning, finished
 from soro_core.robot.coordinates import strain_fields
 from soro_core.robot.surroundings import Contacts
@@ -67,18 +68,39 @@ class WayAround:
     shapes: int
 
 
+@dataclass(frozen=True)
+class AroundOptions:
+    """What a way around obstacles keeps, and how long it is sought.
+
+    Attributes
+    ----------
+    margin_m : float
+        Clearance that the way keeps, 0 or more [m]; less where the start has less.
+    tolerance_m : float
+        Distance of the tip from the goal [m].
+    shapes : int
+        Largest number of shapes that are looked at.
+    limit : (n_q,), optional
+        Largest absolute coordinates; default 0.6 of elongation and shear, 3 rad a link of others.
+    near : (n_q,), optional
+        Coordinates near those of the start; default those of `stable_equilibrium`.
+    range_pa : pair of (n_u,), optional
+        Least and highest pressures [Pa gauge]; default those of the robot.
+    seed : int
+        Of the search; the same seed gives the same way.
+    """
+
+    margin_m: float = 2e-3
+    tolerance_m: float = 1e-4
+    shapes: int = 40_000
+    limit: ArrayLike | None = None
+    near: ArrayLike | None = None
+    range_pa: tuple[Array, Array] | None = None
+    seed: int = 0
+
+
 def plan_around(
-    arm: SoftArm,
-    start: ArrayLike,
-    goal: ArrayLike,
-    obstacles: Contacts,
-    *,
-    margin_m: float = 2e-3,
-    tolerance_m: float = 1e-4,
-    shapes: int = 20_000,
-    limit: ArrayLike | None = None,
-    near: ArrayLike | None = None,
-    seed: int = 0,
+    arm: SoftArm, start: ArrayLike, goal: ArrayLike, obstacles: Contacts, **options: Any
 ) -> WayAround:
     """Find a way on which the whole arm, with the radius of its sections, keeps clear of obstacles.
 
@@ -92,18 +114,8 @@ def plan_around(
         Where the tip shall be, in the world [m].
     obstacles : Contacts
         Planes and balls, as a robot file states them.
-    margin_m : float
-        Clearance that the way keeps, 0 or more [m]; less where the start has less.
-    tolerance_m : float
-        Distance of the tip from the goal [m].
-    shapes : int
-        Largest number of shapes that are looked at.
-    limit : (n_q,), optional
-        Largest absolute coordinates; default 0.6 of elongation and shear, 3 rad a link of others.
-    near : (n_q,), optional
-        Coordinates near those of the start; default those of `stable_equilibrium`.
-    seed : int
-        Of the search; the same seed gives the same way.
+    options
+        `margin_m` and all others of `AroundOptions`.
 
     Returns
     -------
@@ -117,51 +129,43 @@ def plan_around(
     ModelError
         If an argument is not allowed, or the arm has no rest at the start.
     """
-    steps = search_around(
-        arm, start, goal, obstacles, margin_m, tolerance_m, shapes, limit=limit, near=near, seed=seed
-    )
-    return finished(steps)
+    known = [field.name for field in fields(AroundOptions)]
+    for key in options:
+        if key not in known:
+            raise ModelError(f"{key}: got {short(options[key])}; allowed are {', '.join(known)}", key)
+    return finished(search_around(arm, start, goal, obstacles, AroundOptions(**options)))
 
 
 def search_around(
-    arm: SoftArm,
-    start: ArrayLike,
-    goal: ArrayLike,
-    obstacles: Contacts,
-    margin_m: float,
-    tolerance_m: float,
-    most: int,
-    *,
-    limit: ArrayLike | None = None,
-    near: ArrayLike | None = None,
-    range_pa: tuple[Array, Array] | None = None,
-    seed: int = 0,
+    arm: SoftArm, start: ArrayLike, goal: ArrayLike, obstacles: Contacts, options: AroundOptions
 ) -> Planning[WayAround]:
-    """Find a way in steps of a few shapes; parameters as of `plan_around`, where `most` is `shapes`.
-
-    `range_pa` are least and highest pressures, (n_u,) each; default those of the robot.
+    """Find a way in steps of a few shapes; parameters as of `plan_around`.
 
     Yields
     ------
     None
         After each step.
     """
+    margin_m, tolerance_m, most = options.margin_m, options.tolerance_m, options.shapes
+    limit, near = options.limit, options.near
     require(arm, SoftArm, "arm", "a SoftArm")
     robot = arm.robot
     for key, value in (("margin_m", margin_m), ("tolerance_m", tolerance_m)):
         if not 0.0 <= number(value) < math.inf:
             raise ModelError(f"{key}: got {short(value)}; allowed is a length [m] of 0 or more", key)
+    if not number(most) >= 1:  # NaN too
+        raise ModelError(f"shapes: got {short(most)}; allowed is 1 or more", "shapes")
     pressure = finite(shaped(start, (arm.n_u,), "start", robot.name), "start")
     point = finite(shaped(goal, (3,), "goal", robot.name), "goal")
     require(obstacles, Contacts, "obstacles", "Contacts")
     if not (obstacles.planes or obstacles.spheres):
         raise ModelError("obstacles: got none; allowed is one or more", "obstacles")
-    bare, fields = SoftArm(robot.replace(contacts=None)), strain_fields(robot)
+    bare, strains = SoftArm(robot.replace(contacts=None)), strain_fields(robot)
     yield
-    bounds = np.where(fields.stretch, _STRETCH, _BEND_RAD / fields.length)
+    bounds = np.where(strains.stretch, _STRETCH, _BEND_RAD / strains.length)
     if limit is not None:
         bounds = finite(shaped(limit, (arm.n_q,), "limit", robot.name), "limit")
-    low, high = robot.input_range if range_pa is None else range_pa
+    low, high = robot.input_range if options.range_pa is None else options.range_pa
     coarse, fine = (
         HeldShapes(bare, known, low, high, bounds)
         for known in (obstacles_of(bare, obstacles, COARSE_M), obstacles_of(bare, obstacles))
@@ -170,7 +174,11 @@ def search_around(
     yield from coarse.measure()
     fine.motion_m = coarse.motion_m
     x = np.clip((pressure - low) / (high - low), 0.0, 1.0)
-    q = stable_equilibrium(bare, low + x * (high - low)) if near is None else np.asarray(near)
+    q = (
+        stable_equilibrium(bare, low + x * (high - low))
+        if near is None
+        else finite(shaped(near, (arm.n_q,), "near", robot.name), "near")
+    )
     begin = fine.line(x, x, q, -math.inf, 1)
     if not begin.whole:
         raise ModelError(f"start: no rest at {(1e-3 * pressure).round(1).tolist()} kPa", "start")
@@ -180,7 +188,7 @@ def search_around(
     _refuse_goal(fine.obstacles, point, asked_m)
     # Coarse samples see less than there is: a way that they see this clear is so.
     least_m = float(coarse.line(x, x, begin.q[-1], -math.inf, 1).clearance_m[-1])
-    search = Search(coarse, begin, min(asked_m + COARSE_M, least_m), seed)
+    search = WaySearch(coarse, begin, min(asked_m + COARSE_M, least_m), options.seed)
     goals = _Goals(search, begin, point, tolerance_m, asked_m)
     while coarse.looked_at < most:
         found = yield from goals.next_way(most)
@@ -199,12 +207,12 @@ class _Goals:
     """Shapes with the tip at a point, found one after the other, and the search for a way to one of them."""
 
     def __init__(
-        self, search: Search, begin: Line, point: Array, tolerance_m: float, margin_m: float
+        self, search: WaySearch, begin: HeldLine, point: Array, tolerance_m: float, margin_m: float
     ) -> None:
         self._search, self._begin, self._point = search, begin, point
         self._tolerance_m, self._margin_m = tolerance_m, margin_m
         self._known = self._tried = self._grown = 0
-        self._nearest: Line | None = None
+        self._nearest: HeldLine | None = None
 
     def next_way(self, most: int) -> Planning[Way | None]:
         """Find the next way; None after `most` shapes."""
@@ -249,7 +257,7 @@ class _Goals:
         self._search.margin_m = float(self._nearest.clearance_m[-1])
         return self._reach(self._nearest)
 
-    def _reach(self, goal: Line) -> Way | None:
+    def _reach(self, goal: HeldLine) -> Way | None:
         self._known += 1
         return self._search.reach(goal)
 
@@ -275,7 +283,7 @@ def _smooth(shapes: HeldShapes, way: Way, spacing: float) -> Array:
     return np.asarray(curve(np.linspace(0.0, 1.0, n)))
 
 
-def _seen(shapes: HeldShapes, rows: Array, q: Array, margin_m: float) -> Planning[list[Line] | None]:
+def _seen(shapes: HeldShapes, rows: Array, q: Array, margin_m: float) -> Planning[list[HeldLine] | None]:
     """Look at all shapes of a way; None where it is not clear."""
     seen = []
     for a, b in pairwise(rows):
@@ -288,7 +296,7 @@ def _seen(shapes: HeldShapes, rows: Array, q: Array, margin_m: float) -> Plannin
     return seen
 
 
-def _as_way(shapes: HeldShapes, seen: list[Line], looked_at: int) -> WayAround:
+def _as_way(shapes: HeldShapes, seen: list[HeldLine], looked_at: int) -> WayAround:
     x, q, places = (
         np.concatenate([rows[0][:1], *(row[-1:] for row in rows)])
         for rows in ([getattr(one, name) for one in seen] for name in ("x", "q", "places"))
@@ -299,7 +307,7 @@ def _as_way(shapes: HeldShapes, seen: list[Line], looked_at: int) -> WayAround:
     return WayAround(shapes.low_pa + x * shapes.span_pa, q, places[:, -1], length, least, looked_at)
 
 
-def _refuse_contact(shapes: HeldShapes, line: Line, margin_m: float, where: str) -> None:
+def _refuse_contact(shapes: HeldShapes, line: HeldLine, margin_m: float, where: str) -> None:
     """Refuse the last shape of a line if it is nearer to an obstacle than a margin."""
     known = shapes.obstacles
     clearance = known.clearance(line.places[-1])

@@ -1,4 +1,7 @@
-"""Search for a way between shapes: two trees that grow towards each other (RRT-Connect [KL00])."""
+"""Search for a way between shapes by two trees that grow towards each other.
+
+RRT-Connect, Kuffner and LaValle 2000.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.planning.shapes import HeldShapes, Line
+from soro_core.planning.shapes import HeldLine, HeldShapes
 from soro_core.planning.steps import Planning
 
 # Part of the samples that are a shape of the other tree.
@@ -60,7 +63,7 @@ class Tree:
     def grow(self, target: Array, margin_m: float) -> tuple[int, bool]:
         """Go from the nearest shape towards pressures while it is clear; gives where it ends."""
         k = int(np.argmin(self._shapes.apart(self._x[: self.n], target)))
-        found: Line = self._shapes.line(self._x[k], target, self._q[k], margin_m)
+        found: HeldLine = self._shapes.line(self._x[k], target, self._q[k], margin_m)
         for x, q in zip(found.x[1:], found.q[1:], strict=True):
             k = self.add(x, q, k)
         return k, found.whole
@@ -74,20 +77,20 @@ class Tree:
         return Way(self._x[numbers[::-1]], self._q[numbers[::-1]])
 
 
-class Search:
+class WaySearch:
     """Search for a way from one shape to one of several.
 
     Parameters
     ----------
     shapes : HeldShapes
-    start : Line
+    start : HeldLine
         Its last shape is where the way begins.
     margin_m : float
         Least clearance on the way [m].
     seed : int
     """
 
-    def __init__(self, shapes: HeldShapes, start: Line, margin_m: float, seed: int) -> None:
+    def __init__(self, shapes: HeldShapes, start: HeldLine, margin_m: float, seed: int) -> None:
         self.shapes, self.margin_m = shapes, margin_m
         self.random = np.random.default_rng(seed)
         self.start, self.goal = Tree(shapes), Tree(shapes)
@@ -98,7 +101,7 @@ class Search:
         x = self.random.uniform(-_LEAST, 1.0 + _HIGHEST, self.shapes.arm.n_u)
         return np.asarray(np.clip(x, 0.0, 1.0))
 
-    def reach(self, goal: Line) -> Way | None:
+    def reach(self, goal: HeldLine) -> Way | None:
         """Add a goal, the last shape of a line; gives the way there if it is a straight line."""
         k = self.goal.add(goal.x[-1], goal.q[-1], -1)
         last, there = self.start.grow(self.goal.x(k), self.margin_m)

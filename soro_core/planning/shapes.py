@@ -27,7 +27,7 @@ _GOAL_STEPS, _REACH, _FREED, _DAMPING = 24, 0.25, 0.05, 1e-3
 
 
 @dataclass(frozen=True)
-class Line:
+class HeldLine:
     """What has been seen along a line in pressures.
 
     Attributes
@@ -108,7 +108,7 @@ class HeldShapes:
         """Return about how far the arm moves [m] between pressures (n, n_u) and others (n_u,)."""
         return np.asarray(np.sqrt((((x - other) * self.motion_m) ** 2).sum(axis=-1)))
 
-    def line(self, begin: Array, end: Array, q: Array, margin_m: float, steps: int | None = None) -> Line:
+    def line(self, begin: Array, end: Array, q: Array, margin_m: float, steps: int | None = None) -> HeldLine:
         """Look along a line in pressures until the arm is nearer to an obstacle than a margin.
 
         Parameters
@@ -131,11 +131,11 @@ class HeldShapes:
         x = begin + np.arange(n + 1)[:, None] * change
         x[n] = end
         q, places, clearance = (one[: good + 1] for one in rows)
-        return Line(x[: good + 1], q, places, clearance, good == n)
+        return HeldLine(x[: good + 1], q, places, clearance, good == n)
 
     def with_tip_at(
         self, goal: Array, x: Array, q: Array, tolerance_m: float, margin_m: float
-    ) -> Planning[Line | None]:
+    ) -> Planning[HeldLine | None]:
         """Find pressures that hold the tip at a point; None where the search ends at none.
 
         Half of its steps (Gauss-Newton) also turn the arm away from what it is nearer to than the margin.

@@ -214,7 +214,25 @@ class Planner:
         return Timing(self.supply, self.bounds, self.config, self.dt)
 
     def keep_clear(self, begin: Array, first: Array, parts: Sequence[MotionSegment]) -> Planning[None]:
-        """Refuse parts on which an arm, which begins elsewhere perhaps, meets an obstacle."""
+        """Refuse parts on which the arm meets an obstacle.
+
+        Parameters
+        ----------
+        begin : ndarray (n_q,)
+            Where the arm is, which is elsewhere perhaps.
+        first : ndarray (n_q,)
+            Where the parts begin.
+        parts : sequence of MotionSegment
+
+        Yields
+        ------
+        None
+            After some samples.
+
+        Raises
+        ------
+        MotionError
+        """
         lookout = self.lookout(begin)
         if lookout is None:
             return

@@ -12,7 +12,7 @@ from soro_core.control.motions.motion_parts import AlongPath, Slower
 from soro_core.control.motions.pressure_feasibility import holding_pressure
 from soro_core.control.motions.speed_law import speed_law
 from soro_core.model import SoftArm
-from soro_core.planning.around import WayAround, search_around
+from soro_core.planning.around import AroundOptions, WayAround, search_around
 from soro_core.planning.motion_error import MotionError
 from soro_core.planning.steps import Planning
 
@@ -85,20 +85,16 @@ def _way(planner: Planner, q: Array, position: Array, margin_m: float) -> Planni
     assert robot.contacts is not None
     arm = SoftArm(robot.replace(contacts=None, tip_mass=robot.tip_mass + planner.load_kg))
     yield
-    return (
-        yield from search_around(
-            arm,
-            holding_pressure(supply, q),
-            position,
-            robot.contacts,
-            margin_m,
-            settings.tolerance_m,
-            settings.around_shapes,
-            limit=planner.bounds.strain,
-            near=q,
-            range_pa=(low + edge, high - edge),
-        )
+    options = AroundOptions(
+        margin_m,
+        settings.tolerance_m,
+        settings.around_shapes,
+        limit=planner.bounds.strain,
+        near=q,
+        range_pa=(low + edge, high - edge),
     )
+    start_pa = holding_pressure(supply, q)
+    return (yield from search_around(arm, start_pa, position, robot.contacts, options))
 
 
 def _timed(planner: Planner, way: WayAround) -> AlongPath:

@@ -173,6 +173,8 @@ def test_a_way_that_is_not_found_says_among_how_many_shapes():
         ({"obstacles": Contacts()}, "obstacles"),
         ({"obstacles": None}, "obstacles"),
         ({"limit": np.zeros(3)}, "limit"),
+        ({"shapes": -1}, "shapes"),
+        ({"margin": 1e-3}, "margin.*margin_m"),
     ],
 )
 def test_what_is_not_allowed_gets_one_line(changes, key):

@@ -168,7 +168,7 @@ class HeldShapes:
             rows = pose[:3, :3] @ jacobian[3:] @ moves
             away *= min(1.0, _REACH * arm.length / distance) if distance > 0.0 else 1.0
             if not clear:
-                slopes, missing = self._freeing(found.places[-1], near, q, moves, margin_m)
+                slopes, missing = self._freeing(found.places[-1], near, q, np.asarray(moves), margin_m)
                 rows, away = np.vstack((rows, slopes)), np.append(away, missing)
             found = self.line(x, x + _bounded(rows / self.motion_m, away, x, self.motion_m), q, -math.inf)
             if len(found.x) < 2:

@@ -49,10 +49,17 @@ class Timing:
             duration_s *= 1.3
         raise self._too_fast(found, rate, ON_THE_WAY, None)
 
-    def peaks(self, part: MotionSegment) -> Planning[tuple[float, float, float]]:
-        """Find the largest speed [m/s] and acceleration [m/s^2] of the tip, and rate over the allowed one."""
+    def peaks(self, part: MotionSegment, samples: int = _SAMPLES) -> Planning[tuple[float, float, float]]:
+        """Find the largest speed [m/s] and acceleration [m/s^2] of the tip, and rate over the allowed one.
+
+        Parameters
+        ----------
+        part : MotionSegment
+        samples : int
+            Pieces of its time, between whose ends they are taken.
+        """
         arm, bounds = self.supply.arm, self.bounds
-        times = np.linspace(0.0, part.duration_s, _SAMPLES + 1)
+        times = np.linspace(0.0, part.duration_s, samples + 1)
         speeds, rate = [], []
         for k, t in enumerate(times):
             point = part.at(float(t))

@@ -22,8 +22,8 @@ _MARGINS = (1.0, 2.0)
 _EDGE = 0.02
 # Least factor of time: the tip of an arm that turns about it does not move.
 _LEAST = 0.2
-# Samples between two shapes of a way.
-_EVEN = 4
+# Samples between two shapes of a way; shapes over which a turn slows the tip.
+_EVEN, _SPREAD = 4, 4.0
 
 
 def route_around(planner: Planner, q: Array, position: Array) -> Planning[Route]:
@@ -68,7 +68,7 @@ def route_around(planner: Planner, q: Array, position: Array) -> Planning[Route]
             if times == _MARGINS[-1]:
                 raise
     settings = planner.config.motion
-    speed, acceleration, rate = yield from planner.timing.peaks(part)
+    speed, acceleration, rate = yield from planner.timing.peaks(part, _EVEN * len(way.q))
     longer = max(
         speed / settings.speed_m_s, math.sqrt(acceleration / settings.acceleration_m_s2), rate, _LEAST
     )
@@ -110,7 +110,7 @@ def _timed(planner: Planner, way: WayAround) -> AlongPath:
     fast, turning = (np.linalg.norm(curve(even, k), axis=1) for k in (1, 2))
     # At this rate of the distance the tip has its speed, or the acceleration that its turn may take.
     slower = np.maximum(np.maximum(fast, speed * np.sqrt(turning / most)), _LEAST)
-    slower = gaussian_filter1d(slower, 2.0 * _EVEN, mode="nearest")
+    slower = gaussian_filter1d(slower, _SPREAD * _EVEN, mode="nearest")
     middle = 0.5 * (slower[1:] + slower[:-1])
     distance = np.concatenate(([0.0], np.cumsum(middle * np.diff(even))))
     law = speed_law(float(distance[-1]), speed, most)

@@ -39,10 +39,9 @@ Each [scene](README.md) is a file to run, read and change; the comment at its to
 
     soro scenes                                      # prints name and purpose of each
     soro run set_points                              # in real time; --set mode=lockstep: without deadlines
-    soro plot runs/set_points-TIME --film my.gif     # a film of your run
-    mkdir my_scenes                                  # a folder for your scenes,
-    soro scenes set_points > my_scenes/mine.yaml     # with a copy to change,
-    soro scenes --folder my_scenes                   # which is listed too
+    mkdir my_scenes
+    soro scenes set_points > my_scenes/mine.yaml     # a copy to change
+    soro scenes --folder my_scenes                   # lists it
 
 The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
 its path), the path of its true tip from above, the pressures or the force at the tip, and the distance of the

@@ -164,7 +164,7 @@ class GivenReferences:
         return None if force.felt is None or force.refusal else self.press(state, settings.press_n)
 
     def press(self, state: ControllerState, force_n: Array | Sequence[float]) -> Reference:
-        """Return a reference that presses with a force; of 0 one that lets go, and returns.
+        """Return a reference that presses with a force; of 0 one that releases, and returns.
 
         Parameters
         ----------
@@ -180,8 +180,8 @@ class GivenReferences:
         Raises
         ------
         ConfigError
-            If a number is not finite, there is nothing to let go, or no force that is estimated, the force is
-            beyond the cap or what pressures can make, or the cap below the friction of the arm.
+            If a number is not finite, there is nothing to release, or no force that is estimated, the force
+            is beyond the cap or what pressures can make, or the cap below the friction of the arm.
         """
         push = np.asarray(force_n, dtype=np.float64)
         if push.shape != (3,) or not np.all(np.abs(push) <= LARGEST_N):  # what is not finite is not less
@@ -190,9 +190,8 @@ class GivenReferences:
         config, size, before = self.config.force, float(np.linalg.norm(push)), state.force.press
         if size == 0.0:
             if before is None:
-                raise ConfigError(
-                    "press", "force", "0 N", "a force above 0; 0 lets go, and nothing is pressed"
-                )
+                allowed = "a force above 0; 0 releases, and nothing is pressed"
+                raise ConfigError("press", "force", "0 N", allowed)
             return Hold(before.q)
         stiffness = self.force_loop.stiffness
         check_cap(stiffness, config.cap_n, self.setpoints.pressures.play_pa)

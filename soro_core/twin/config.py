@@ -138,14 +138,20 @@ class TwinSection(Strict):
     base_shake: Shake = Field(
         Shake(), description="swing of the base, which estimator and controller do not know"
     )
+    base_by_topic: bool = Field(
+        False, description="base/pose moves the base, which estimator and controller do not know"
+    )
     follow_shared_name: bool = Field(False, description="as of the regulator node")
 
-    @field_validator("base_shake")
+    @field_validator("base_shake", "base_by_topic")
     @classmethod
-    def _carried(cls, value: Shake, info: ValidationInfo) -> Shake:
-        imu = info.data.get("imu")
-        if value.moves and (info.data.get("air") == "states" or (imu is not None and imu.enabled)):
-            raise ValueError("amplitudes of 0 beside air: states or an enabled imu")
+    def _carried(cls, value: Shake | bool, info: ValidationInfo) -> Shake | bool:
+        imu, shake = info.data.get("imu"), info.data.get("base_shake", Shake())
+        moves = value if isinstance(value, bool) else value.moves
+        if moves and (info.data.get("air") == "states" or (imu is not None and imu.enabled)):
+            raise ValueError("a base at rest beside air: states or an enabled imu")
+        if value is True and shake.moves:
+            raise ValueError("false beside a base_shake")
         return value
 
     @field_validator("valve")

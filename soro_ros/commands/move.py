@@ -15,6 +15,8 @@ from soro_core.errors import ConfigError
 from soro_core.files.units import Quantity, unit_option
 from soro_ros.commands.services import COMMANDS, one_node, service_caller
 
+# Of one press: later ones are as configured.
+_TARE = "control.force.tare"
 # Numbers below zero are no options.
 CONTEXT = {"ignore_unknown_options": True}
 
@@ -106,9 +108,10 @@ def move(
 
         name = one_node(caller, "enable", node, timeout_s, COMMANDS)
         mover = Mover(caller, name, timeout_s, typer.echo)
-        mover.configure({key: value for key, value in given.items() if value is not None})
         start = mover.start()
-        status = mover.move(path(kind, start, goals + start if relative else goals))
+        positions = path(kind, start, goals + start if relative else goals)
+        with mover.configured(given):
+            status = mover.move(positions)
     raise typer.Exit(status)
 
 
@@ -127,8 +130,13 @@ def press(
         unit_option("--duration", "s", 0.0, 3600.0, "5s", help="How long the force is held before it ends."),
     ] = 5.0,
     tare: Annotated[
-        bool, typer.Option("--tare", help="The force that is estimated at the begin counts as none.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--tare/--no-tare",
+            help="Whether the force that is estimated at the begin counts as none. Default: as configured.",
+            show_default=False,
+        ),
+    ] = None,
     cap: Annotated[
         float | None,
         unit_option(
@@ -148,7 +156,7 @@ def press(
     node: Annotated[str, _NODE] = "",
     timeout_s: Annotated[float, _TIMEOUT] = 10.0,
 ) -> None:
-    """Press on what is in the way of the tip, hold the force, let go and return to the begin.
+    """Press on what is in the way of the tip, hold the force, release and return to the begin.
 
     The tip goes along the direction from where it is wanted now, slowly, until it touches something, and then
     keeps the force along the direction; across it, it stays. The controller must estimate forces
@@ -156,7 +164,7 @@ def press(
 
     Exit status 0: the force was held for the duration, and the tip is back. 1: the tip met nothing, the force
     was not reached or lost, or the press was replaced or vented. 2: it was refused before anything moved.
-    Ctrl-C lets go and ends the command.
+    Ctrl-C releases and ends the command.
     """
     size = Quantity("N", 0.0, 1e3, "100mN").number(force, "soro press", "FORCE")
     along = _direction(direction)
@@ -164,16 +172,16 @@ def press(
         "control.force.cap_n": cap,
         "control.force.approach_speed_m_s": approach_speed,
         "control.force.approach_s": approach_s,
-        "control.force.tare": tare,
+        _TARE: tare,
     }
     with service_caller() as caller:
         from soro_ros.run.motion_client import Presser
 
         name = one_node(caller, "enable", node, timeout_s, COMMANDS)
         presser = Presser(caller, name, timeout_s, typer.echo)
-        presser.configure({key: value for key, value in given.items() if value is not None})
         presser.start()
-        status = presser.press(size * along, duration_s)
+        with presser.configured(given, once=[_TARE]):
+            status = presser.press(size * along, duration_s)
     raise typer.Exit(status)
 
 

@@ -27,7 +27,7 @@ from soro_ros.run.faults import FaultInterface
 from soro_ros.topics.chambers import ChamberInterface
 from soro_ros.topics.diagnostics import OK, OVER
 from soro_ros.topics.frame_check import FrameCheck
-from soro_ros.topics.twin_topics import PushTopic, TwinTopics
+from soro_ros.topics.twin_topics import BaseTopic, PushTopic, TwinTopics
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20
@@ -78,6 +78,8 @@ class TwinNode(SoroNode[TwinConfig]):
         self._topics = TwinTopics(self, robot, self._twin, loop, self._lockstep)
         frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
         self._push = PushTopic(self, frames, self._stamp_now_ns)
+        if config.base_by_topic:
+            BaseTopic(self, frames, self._stamp_now_ns, self._move_base)
         self.create_service(Trigger, "~/start", self._on_start)
         if self._is_commanded:
             rating = rating_of(robot.pressure_range_pa)
@@ -304,6 +306,9 @@ class TwinNode(SoroNode[TwinConfig]):
         if not state.status.ok:
             self._running = False
             raise ModelError(f"the twin stopped at {self._tick_ns() * 1e-9:.3f} s: {state.status}")
+
+    def _move_base(self, pose: Array) -> None:
+        self._state = self._twin.at_base(self._state, pose)
 
     def _observe(self) -> None:
         """Publish the samples of this tick, once."""

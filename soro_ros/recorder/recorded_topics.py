@@ -27,6 +27,7 @@ _TOPICS = (
     ("truth/chambers", "sensor_msgs/msg/JointState"),
     ("truth/wrench", "geometry_msgs/msg/WrenchStamped"),
     ("external/wrench", "geometry_msgs/msg/WrenchStamped"),
+    ("base/pose", "geometry_msgs/msg/PoseStamped"),
 )
 _BACKBONE, _DIAGNOSTICS = "geometry_msgs/msg/PoseArray", "diagnostic_msgs/msg/DiagnosticArray"
 

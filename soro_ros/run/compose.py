@@ -156,7 +156,8 @@ class Run:
                 mode=scene.mode, folder=str(self.bag), topics=topics, exclude=exclude, notes=notes
             )
             self._start_nodes(supervisor, {"recorder": recorder})
-        if forks is not None:
+        is_warmed = forks is not None and self._loop.commander == "controller"
+        if forks is not None and is_warmed:
             forks.warm(self.folder / "scene_used.yaml")
         nodes: dict[str, Strict] = {}
         if scene.arm != "real":
@@ -167,7 +168,7 @@ class Run:
         if scene.markers:
             nodes["markers"] = scene.markers_node()
         supervisor.look()
-        if forks is not None:
+        if forks is not None and is_warmed:
             self._wait_in_start(supervisor, "kernels", forks.has_answered, len(nodes))
         self._start_nodes(supervisor, nodes)
         if scene.platform:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-import select
 import signal
 import subprocess
 import sys
@@ -25,6 +24,8 @@ from soro_ros.run.fork_server import prepare
 # A line of a ROS log: level, time, logger, text.
 _LOGGED = re.compile(r"\[(\w+)\] \[[\d.]+\] \[[^]]*\]: (.*)")
 
+# Period in which the end of a process is looked for [s].
+_POLL_S = 0.005
 # Period of SIGINT while a process ends [s]: a process that still imports ignores it.
 REPEAT_S = 0.3
 
@@ -59,14 +60,11 @@ class ForkedProcess:
 
     def wait(self, timeout: float | None = None) -> int:
         """Wait for the end; raises subprocess.TimeoutExpired after `timeout` [s]."""
-        if self.poll() is None:
-            descriptor = os.pidfd_open(self.pid)
-            try:
-                select.select([descriptor], [], [], timeout)
-            finally:
-                os.close(descriptor)
-        if (status := self.poll()) is None:
-            raise subprocess.TimeoutExpired(f"process {self.pid}", timeout or 0.0)
+        begin = time.monotonic()
+        while (status := self.poll()) is None:
+            if timeout is not None and time.monotonic() - begin > timeout:
+                raise subprocess.TimeoutExpired(f"process {self.pid}", timeout)
+            time.sleep(_POLL_S)
         return status
 
     def send_signal(self, number: int) -> None:

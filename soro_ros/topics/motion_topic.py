@@ -29,6 +29,7 @@ from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.references import poses_in_world
 from soro_ros.topics.motion_job import (
+    LOST,
     MOVING,
     PLANNING,
     REACHED,
@@ -154,8 +155,11 @@ class MotionTopic:
         following = None if state is None else state.following
         goal, job = self._tip(reference, reference.end_s), self._job
         if job is not None and job.topic == topic:
-            if job.state in (MOVING, REACHED) and following and following.wanted.is_repeated_by(reference, t):
-                job.stamp_ns = stamp_ns
+            # A press that is lost begins anew by a request of its own, and not by the next of one stream.
+            is_told = isinstance(job, PressJob) and job.state == LOST and t - job.given_s <= STREAM_S
+            is_repeated = following is not None and following.wanted.is_repeated_by(reference, t)
+            if is_repeated and (is_told or job.state in (MOVING, REACHED)):
+                job.stamp_ns, job.given_s = stamp_ns, t
                 self._reports.report(job, job.note)
                 return
             if job.state == MOVING and t - job.given_s <= STREAM_S and not isinstance(job, PressJob):

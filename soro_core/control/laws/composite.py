@@ -15,9 +15,11 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.external_force import Stage
 from soro_core.adaptation.kept import KeptNumbers
 from soro_core.adaptation.learned import Learned
-from soro_core.adaptation.learner import Learner, LearnerSample, LearnerState
+from soro_core.adaptation.learner import Learner
+from soro_core.adaptation.learning.state import LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array
 from soro_core.config import with_renamed
@@ -225,6 +227,9 @@ class Composite(Law[CompositeState]):
             by_mass = self.setting.arm.tip_mass_force(wanted.q, wanted.qd, wanted.qdd)
             return self.learner.follow(learner, float(by_mass @ s), dt)
         n = belief.q.size
+        stage: Stage = "free" if belief.external is None else belief.external.stage
+        if belief.external is not None and not belief.external.mass_free:
+            stage = "contact"  # or a push that has just gone: the mass of before it
         sample = LearnerSample(
             q=belief.q,
             qd=belief.qd,
@@ -232,7 +237,7 @@ class Composite(Law[CompositeState]):
             creep=belief.creep,
             covariance=belief.covariance[:n, :n],
             unmodelled=state.unmodelled,
-            stage="free" if belief.external is None else belief.external.stage,
+            stage=stage,
         )
         return self.learner.step(learner, sample, dt)
 

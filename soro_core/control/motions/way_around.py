@@ -23,7 +23,7 @@ _EDGE = 0.02
 # Least factor of time: the tip of an arm that turns about it does not move.
 _LEAST = 0.2
 # Samples between two shapes of a way; shapes over which a turn slows the tip.
-_EVEN, _SPREAD = 4, 4.0
+_EVEN, _SPREAD = 4, 3
 
 
 def route_around(planner: Planner, q: Array, position: Array) -> Planning[Route]:
@@ -100,7 +100,7 @@ def _way(planner: Planner, q: Array, position: Array, margin_m: float) -> Planni
 def _timed(planner: Planner, way: WayAround) -> AlongPath:
     """Return the way at the speed that the tip may have, slower where the tip turns."""
     from scipy.interpolate import CubicSpline  # imported here: few motions go around something
-    from scipy.ndimage import gaussian_filter1d
+    from scipy.ndimage import gaussian_filter1d, maximum_filter1d
 
     speed, most = planner.config.motion.speed_m_s, planner.config.motion.acceleration_m_s2
     apart = np.concatenate(([True], np.diff(way.length_m) > 0.0))
@@ -110,6 +110,7 @@ def _timed(planner: Planner, way: WayAround) -> AlongPath:
     fast, turning = (np.linalg.norm(curve(even, k), axis=1) for k in (1, 2))
     # At this rate of the distance the tip has its speed, or the acceleration that its turn may take.
     slower = np.maximum(np.maximum(fast, speed * np.sqrt(turning / most)), _LEAST)
+    slower = maximum_filter1d(slower, 3 * _SPREAD * _EVEN, mode="nearest")
     slower = gaussian_filter1d(slower, _SPREAD * _EVEN, mode="nearest")
     middle = 0.5 * (slower[1:] + slower[:-1])
     distance = np.concatenate(([0.0], np.cumsum(middle * np.diff(even))))

@@ -43,5 +43,6 @@ class ForceConfig(Strict):
         0.1,
         ge=0,
         le=10,
-        description="deviation of the elastic force, as a part of it, where nothing is learned of the arm",
+        description="deviation of the elastic force, as a part of it, where nothing is learned of the arm; "
+        "under a force from outside that of its change since the touch",
     )

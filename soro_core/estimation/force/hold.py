@@ -1,8 +1,8 @@
 """What the filter's model lacks to be where the arm is held from outside: it predicts with this force.
 
-The force at the tip keeps its direction while the arm turns under it. The rest, of one constant strain where
-a force bends a link non-uniformly, is what balances the model where its place is measured, without its
-acceleration: that of the filter would drive the filter.
+What the model lacks is what balances it where its place is measured, without its acceleration: that of the
+filter would drive the filter. The part of it at the tip keeps its direction while the arm turns under it; the
+rest is that of one constant strain where a force bends a link non-uniformly.
 """
 
 from __future__ import annotations
@@ -29,14 +29,14 @@ class TipHold(NamedTuple):
     ----------
     q : ndarray (n_q,)
         Coordinates of the model that have the place where it is measured.
-    rest : ndarray (n_q,)
-        Generalised force that the model lacks there beside that at the tip.
+    missing : ndarray (n_q,)
+        Generalised force that the model asks for there beyond that of the pressures.
     learned : Learned
-        What is learned, with both.
+        What is learned, less this.
     """
 
     q: Array
-    rest: Array
+    missing: Array
     learned: Learned
 
 
@@ -82,7 +82,7 @@ def hold(
     learned : Learned
         What is learned now.
     part, dt : float
-        Part of the way that the rest goes to a new value, and time since the last one [s].
+        Part of the way that what is missing goes to a new value, and time since the last one [s].
 
     Raises
     ------
@@ -99,18 +99,17 @@ def hold(
     qd = np.zeros(arm.n_q) if before is None or dt <= 0.0 else (q - before.q) / dt
     asked = arm.gravity_force(q) + arm.elastic_force(q) + arm.damping_force(q, qd)
     asked = asked + arm.internal_force(q, seen.internal) + force.force(learned, q, qd, np.zeros(arm.n_q))
-    of_tip, by_q = _of_tip(force, q, seen.force_n)
-    rest = arm.pressure_force(q, seen.pressure_pa) - asked + of_tip
+    missing = asked - arm.pressure_force(q, seen.pressure_pa)
     if before is not None:
-        rest = before.rest + part * (rest - before.rest)
-    return TipHold(q, rest, learned.with_force(q, rest - of_tip, -by_q, scales))
+        missing = before.missing + part * (missing - before.missing)
+    return TipHold(q, missing, learned.with_force(q, -missing, -_by_q(force, q, seen.force_n), scales))
 
 
-def _of_tip(force: LearnedForce, q: Array, force_n: Array) -> tuple[Array, Array]:
-    """Return the generalised force (n_q,) of a force at the tip, and its derivative (n_q, n_q)."""
+def _by_q(force: LearnedForce, q: Array, force_n: Array) -> Array:
+    """Return the derivative (n_q, n_q) of the generalised force of a force at the tip."""
     arm, unit = force.arm, _STEP * force.scales.q
     found = [
         arm.pose_and_jacobian(q + step, arm.length) for step in np.vstack([np.zeros(q.size), np.diag(unit)])
     ]
     forces = np.stack([jacobian[3:].T @ pose[:3, :3].T @ force_n for pose, jacobian in found])
-    return forces[0], (forces[1:] - forces[0]).T / unit
+    return np.asarray((forces[1:] - forces[0]).T / unit)

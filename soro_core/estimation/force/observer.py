@@ -16,6 +16,7 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
+from soro_core.estimation.force.average import ALONG_LOAD, Average, averaged, covariance
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -30,6 +31,13 @@ _MOST_PIECES = 8
 _GAIN_STD = 0.03
 # Time without a position of a place after which one further in is used [s].
 _PLACE_S = 0.25
+# Deviation of the force of inertia at the tip, as a part of it.
+_INERTIA = 0.5
+# Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
+# [rad/s].
+_MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
+# A force is seen up to two of these times after it has begun to teach [s].
+_PAST_S = 0.2
 # Part of a new position in the mean of their scatter.
 _SCATTER_PART = 0.05
 
@@ -59,6 +67,15 @@ class Seen(NamedTuple):
     internal: Array
 
 
+class Before(NamedTuple):
+    """What was known a while ago [s]: the load [kg], the force that the model missed [N], and coordinates."""
+
+    age_s: float
+    mass_kg: float
+    force_n: Array
+    q: Array
+
+
 class ForceState(NamedTuple):
     """What is kept between two estimates.
 
@@ -83,8 +100,13 @@ class ForceState(NamedTuple):
     q : ndarray (n_q,) or None
         Estimated coordinates behind it.
     balance : TipBalance or None
-    force_n : ndarray (3,) or None
-        Its force behind a slower low-pass [N].
+    average, of_any : Average or None
+        That of its force, as of a push; and the same as of a push or a load.
+    past : tuple of `Before`
+        What was known up to two times `_PAST_S` before now, or before the present force from outside, oldest
+        first.
+    speed : ndarray (3,) or None
+        Velocity of the tip behind a slow low-pass [m/s].
     stage : StageState
     held : TipHold or None
         What holds the arm from outside, for the filter; None while it is free.
@@ -102,7 +124,10 @@ class ForceState(NamedTuple):
     measured: Measured | None = None
     q: Array | None = None
     balance: TipBalance | None = None
-    force_n: Array | None = None
+    average: Average | None = None
+    of_any: Average | None = None
+    past: tuple[Before, ...] = ()
+    speed: Array | None = None
     stage: StageState = StageState()
     held: TipHold | None = None
     external: ExternalForce | None = None
@@ -144,6 +169,7 @@ class ForceObserver:
         self.balancer = TipBalancer(arm, links, self._pieces)
         self.force = LearnedForce(arm, links)
         self._nothing = np.zeros(self.force.size)
+        self._mass_kg = sum(link.mass for link in arm.robot.links)
         measured = min(arm.robot.calibration.gain_std or _GAIN_STD, _GAIN_STD)
         self._gain_std = measured if config.gain_std is None else config.gain_std
 
@@ -175,43 +201,74 @@ class ForceObserver:
         start_s = state.passed_s
         for one in seen:
             state = self._passed(state, one)
-        assert state.measured is not None
-        assert state.q is not None
+        passed, q = state.measured, state.q
+        assert passed is not None
+        assert q is not None
+        dt, config = state.passed_s - start_s, self.config
         theta, learned = self._nothing, known.learned
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
-        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), state.measured.qd)
-        measured = state.measured._replace(force=state.measured.force + losses)
+        state = state._replace(past=_past(state, float(theta[0]), self._moves(state), dt))
+        base, bent = np.zeros(3), np.zeros(self.arm.n_q)
+        if state.stage.stage != "free" and state.past:
+            # What is learned as a load since then may be the push; what was missing before it is none.
+            theta = np.concatenate([[state.past[0].mass_kg], theta[1:]])
+            base, bent = state.past[0].force_n, q - state.past[0].q
+        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), passed.qd)
+        measured = passed._replace(force=passed.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
             return state.begun_anew(state.due_s)
-        dt, config = state.passed_s - start_s, self.config
-        part = max(-math.expm1(-config.low_pass_per_s * dt), dt / (state.passed_s + dt) if dt > 0.0 else 1.0)
-        slow = balance.force_n if state.force_n is None else state.force_n
-        slow = slow + part * (balance.force_n - slow)
-        noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned)
-        fast_part, slow_part = (
-            self._part(state, rate) for rate in (config.fast_per_s, config.low_pass_per_s)
+        noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned, bent)
+        jacobian = self.arm.jacobian(seen[-1].q, s)[3:]
+        load_kg = self.arm.robot.tip_mass + float(theta[0])
+        acceleration = float(np.linalg.norm(jacobian @ measured.qdd))
+        inertia_kg = _INERTIA * (0.5 * self._mass_kg + max(load_kg, 0.0))
+        density = state.interval_s * noise
+        moved = (inertia_kg * acceleration) ** 2 / config.fast_per_s
+        seen_now = balance.force_n, density, moved, config.low_pass_per_s, dt
+        average, of_any = averaged(state.average, *seen_now), averaged(state.of_any, *seen_now, ALONG_LOAD)
+        slow, found = average.force_n - base, covariance(average, density) + doubt
+        velocity = jacobian @ measured.qd
+        speed = (
+            velocity
+            if state.speed is None
+            else state.speed + _part_of(_STEADY_PER_S, dt) * (velocity - state.speed)
         )
-        covariance = slow_part * noise + doubt
+        state = state._replace(speed=speed)
         told = ForceSeen(
-            (balance.force_n, fast_part * noise + doubt),
-            (slow, covariance),
+            (balance.force_n - base, self._part(state, config.fast_per_s) * noise + doubt),
+            (slow, found),
+            (of_any.force_n - base, covariance(of_any, density) + doubt),
             self.balancer.fine.tables.gravity,
-            self.arm.robot.tip_mass + float(theta[0]),
-            float(np.linalg.norm(self.arm.jacobian(seen[-1].q, s)[3:] @ measured.qdd)),
+            load_kg,
+            inertia_kg,
+            acceleration,
+            self._moves(state),
         )
         stage = next_stage(state.stage, told, dt)
+        if state.stage.stage != "free" and stage.stage == "free":
+            # What is known since the touch is of the push; or it is a load, which is known now.
+            state = state._replace(past=() if stage.mass_free else state.past[:1])
+            average, of_any = (one._replace(force_n=base) for one in (average, of_any))
         held = None
         # Before a law has said how well it knows the arm, in the probe say, what the model misses is no push.
         if stage.stage != "free" and learned is not None and learned.doubt is not None:
-            place = HeldPlace(measured.position, s, state.q, measured.pressure_pa, seen[-1].internal, slow)
+            place = HeldPlace(measured.position, s, q, measured.pressure_pa, seen[-1].internal, slow)
+            part = _part_of(config.low_pass_per_s, dt)
             with contextlib.suppress(
                 ModelError, np.linalg.LinAlgError
             ):  # no coordinates have the place there
                 held = hold(self.force, state.held, place, learned, part, dt)
-        external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.stage != "contact")
-        return state._replace(balance=balance, force_n=slow, stage=stage, held=held, external=external)
+        tip = self.balancer.fine.pose(balance.x, self.balancer.fine.length)[:3, 3]
+        external = ExternalForce(slow, stage.doubt * found, stage.stage, stage.mass_free, tip)
+        return state._replace(
+            balance=balance, average=average, of_any=of_any, stage=stage, held=held, external=external
+        )
+
+    def _moves(self, state: ForceState) -> bool:
+        """Whether the arm moves, and does not only swing."""
+        return state.speed is not None and float(np.linalg.norm(state.speed)) > _MOVES_PER_S * self.arm.length
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:
         """Return the state with one more position behind the low-pass."""
@@ -250,25 +307,43 @@ class ForceObserver:
         pressure = self.noise.pressure_pa * balance.by_pressure
         return np.asarray(position @ position.T + pressure @ pressure.T)
 
-    def _doubt(self, balance: TipBalance, measured: Measured, learned: Learned | None) -> Array:
-        """Return the covariance (3, 3) by what is not known of the arm [N^2]."""
+    def _doubt(self, balance: TipBalance, measured: Measured, learned: Learned | None, bent: Array) -> Array:
+        """Return the covariance (3, 3) by what is not known of the arm [N^2]; `bent`: q since a touch."""
         config, arm = self.config, self.arm
         single = config.model_std_pa * balance.by_pressure
         doubt = None if learned is None else learned.doubt
+        by_strain = config.stiffness_std * self.force.scales.stiffness * self.force.scales.force
         # Free motion teaches the gains against the stiffness: an error of their scale is one of F alone.
         gain = balance.force_n
         if doubt is None or doubt.shape != (arm.n_q, arm.n_q):
             gain = balance.by_pressure @ arm.acting_pressure(measured.pressure_pa)
-            q, scales = balance.x @ self.balancer.spread / self._pieces, self.force.scales
-            load = mass_prior(arm)[0] * arm.tip_mass_force(q, measured.qd, measured.qdd)
-            elastic = config.stiffness_std * scales.stiffness * scales.force * q
-            doubt = np.diag(elastic**2) + np.outer(load, load)
+            bent = balance.x @ self.balancer.spread / self._pieces
+            load = mass_prior(arm)[0] * arm.tip_mass_force(bent, measured.qd, measured.qdd)
+            doubt = np.outer(load, load)
+        doubt = doubt + np.diag((by_strain * bent) ** 2)
         found = (
             self._gain_std**2 * np.outer(gain, gain)
             + single @ single.T
             + balance.by_force @ doubt @ balance.by_force.T
         )
         return np.asarray(0.5 * (found + found.T))
+
+
+def _part_of(rate: float, dt: float) -> float:
+    """Return the part of the way of a low-pass of a rate [rad/s] in a time [s]."""
+    return -math.expm1(-rate * dt)
+
+
+def _past(state: ForceState, mass_kg: float, moves: bool, dt: float) -> tuple[Before, ...]:
+    """Return what was known, with what is known now while nothing pushes."""
+    if state.stage.stage != "free":
+        return state.past
+    kept = tuple(one._replace(age_s=one.age_s + dt) for one in state.past)
+    if state.average is None or state.q is None or (kept and kept[-1].age_s < _PAST_S):
+        return kept
+    # What is missing of an arm that moves is another one elsewhere.
+    force_n = np.zeros(3) if moves else state.average.force_n
+    return (*kept[-1:], Before(0.0, mass_kg, force_n, state.q))
 
 
 def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:

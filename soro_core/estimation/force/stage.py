@@ -1,8 +1,10 @@
 """Stages of a contact: nothing, an outside force that may be a load, a contact, which no load explains.
 
-A load that comes pulls along gravity and moves with the tip. Of all loads the one that explains the force
-best leaves a rest; where that is beyond its deviations for a while, it is a contact. What pulls along the
-backbone alone is neither: errors of stiffness, gain and damping look the same, and are to be learned.
+The force is that beyond the load of before it. A load that comes pulls along gravity and moves with the tip.
+Of all loads the one that explains the force best leaves a rest; where that is beyond its deviations for a
+while, it is a contact. Where it is not, a push may be the better explanation still: on a bent arm one in the
+plane of gravity leaves no rest either. It is a load once that is likelier than a push by far. What pulls
+along the backbone alone is neither: errors of stiffness, gain and damping look the same, and are learned.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ import numpy as np
 
 from soro_core.adaptation.external_force import Stage
 from soro_core.arrays import Array
+from soro_core.estimation.force.average import ALONG
 
 # Squares of the deviations (chi-square of 3 and of 2 components) of a force and of what no load explains,
 # beyond which they are there, and below which they have gone. The first is that of five deviations: a learner
@@ -22,11 +25,16 @@ _FORCE, _NO_FORCE = 25.0, 11.3
 _NO_LOAD, _A_LOAD = 11.8, 4.6
 # How long each must last [s]: a sample may be wrong, a new load swings, and the learner's low-pass remembers.
 _FORCE_S, _GONE_S, _NO_LOAD_S, _A_LOAD_S = 0.015, 0.4, 0.25, 0.3
-# How long a load must explain an outside force, from which on it is one [s].
-_LOAD_S = 0.2
-# Time of the mean of what is usual, and that after which what is neither a load nor a contact becomes usual
-# and is learned [s].
-_USUAL_S, _LEARNED_S = 1.0, 1.0
+# How long a load must explain an outside force, from which on it is one [s], and by how much better than a
+# push (logarithm of 20): one is as rare as the other.
+_LOAD_S, _LIKELIER = 0.2, 3.0
+# Time of the mean of what is usual, and that of a moving arm after which what is neither a load nor a contact
+# becomes usual and is learned [s].
+_USUAL_S, _LEARNED_S = 1.0, 2.0
+# Part of the largest force below which one may have gone while the arm swings.
+_LEFT = 0.25
+# Time for which the mass of before a push that has left is told to the law [s].
+_LEFT_S = 0.1
 # Time in which what is known of a swing fades [s].
 _SWING_S = 0.3
 
@@ -39,10 +47,14 @@ class StageState(NamedTuple):
     stage : {"free", "outside force", "contact"}
     force_s, gone_s : float
         There is a force; there is none.
-    no_load_s, load_s : float
-        No load explains it; a load does.
+    no_load_s, load_s, likelier_s : float
+        No load explains it; a load does; and does so much better than a push.
     outside_s : float
-        Time of the outside force [s].
+        Time of the outside force in which the arm moved [s].
+    left_s : float
+        Time that is left in which a push has just gone [s].
+    largest_n : float
+        Largest force across the backbone since it is an outside force [N].
     swing : float
         Largest acceleration of the tip of late, as a part of gravity.
     usual : float
@@ -54,7 +66,10 @@ class StageState(NamedTuple):
     gone_s: float = 0.0
     no_load_s: float = 0.0
     load_s: float = 0.0
+    likelier_s: float = 0.0
     outside_s: float = 0.0
+    left_s: float = 0.0
+    largest_n: float = 0.0
     swing: float = 0.0
     usual: float = 30.0
 
@@ -63,27 +78,40 @@ class StageState(NamedTuple):
         """Factor, 1 or more, by which covariances are too small for the force of late."""
         return max(1.0, self.usual / 3.0)
 
+    @property
+    def mass_free(self) -> bool:
+        """Whether what pushes, or has just pushed, may be a load."""
+        return self.stage != "contact" and self.left_s <= 0.0
+
 
 class ForceSeen(NamedTuple):
     """What an estimate says of the force.
 
     Attributes
     ----------
-    fast, slow : tuple of ndarray (3,), (3, 3)
-        Force [N] and its covariance behind the fast and the slow low-pass.
+    fast, slow, of_any : tuple of ndarray (3,), (3, 3)
+        Force [N] and its covariance behind the fast low-pass, in the average as of a push, and in that as
+        of a push or a load.
     gravity : ndarray (3,)
         Its acceleration [m/s^2].
     load_kg : float
         Mass that the tip is believed to carry, of which no more can have gone.
+    inertia_kg : float
+        Mass that, with its acceleration, makes the error of the force of inertia.
     acceleration : float
         That of the tip [m/s^2].
+    moves : bool
+        Whether the arm moves.
     """
 
     fast: tuple[Array, Array]
     slow: tuple[Array, Array]
+    of_any: tuple[Array, Array]
     gravity: Array
     load_kg: float
+    inertia_kg: float
     acceleration: float
+    moves: bool = True
 
 
 def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
@@ -96,41 +124,49 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     dt : float
         Time since the last estimate [s].
     """
-    fast, slow, gravity, load_kg, acceleration = seen
+    fast, slow, of_any, gravity, load_kg, inertia_kg, acceleration, moves = seen
     # What the model misses while it learns comes and goes with the motion; a force from outside is new.
     size = _size(*fast)
     usual = state.usual
-    fast_size, slow_size = (
-        _size(force, _beside_weakest(force, state.doubt * covariance)) for force, covariance in (fast, slow)
-    )
+    fast_size = _size(fast[0], _beside_weakest(fast[0], state.doubt * fast[1]))
     # A load that swings pulls aside by as much of its weight as its acceleration is of gravity.
-    swing = max(
-        math.exp(-dt / _SWING_S) * state.swing, acceleration / max(float(np.linalg.norm(gravity)), 1e-9)
-    )
-    aside = swing**2 * float(slow[0] @ slow[0]) * np.eye(3)
-    told = slow[0], state.doubt * slow[1]
+    weight = max(float(np.linalg.norm(gravity)), 1e-9)
+    swing = max(math.exp(-dt / _SWING_S) * state.swing, acceleration / weight)
+    aside = swing**2 * float(of_any[0] @ of_any[0]) * np.eye(3)
+    told = of_any[0], state.doubt * of_any[1]
     rest = _rest(told[0], told[1] + aside, gravity, load_kg)
     force_s = state.force_s + dt if fast_size > _FORCE else 0.0
-    gone_s = state.gone_s + dt if fast_size < _FORCE and slow_size < _NO_FORCE else 0.0
+    strength = _across(*slow)
+    largest_n = 0.0 if state.stage == "free" else max(state.largest_n, strength)
+    # The error of the force of inertia hides a small rest of a force, not the force.
+    still = np.eye(3) * (inertia_kg * weight * swing if strength < _LEFT * largest_n else 0.0) ** 2
+    is_gone = all(
+        _size(force, _beside_weakest(force, state.doubt * covariance + still)) < most
+        for (force, covariance), most in ((fast, _FORCE), (slow, _NO_FORCE))
+    )
+    gone_s = state.gone_s + dt if is_gone else 0.0
     no_load_s = state.no_load_s + dt if rest > _NO_LOAD else 0.0
     # Without the doubt by the swing, in which everything is a load.
-    load_s = state.load_s + dt if _rest(*told, gravity, load_kg) < _A_LOAD else 0.0
-    stage = state.stage
+    is_load = _rest(*told, gravity, load_kg) < _A_LOAD
+    load_s = state.load_s + dt if is_load else 0.0
+    likelier_s = state.likelier_s + dt if is_load and _likelier(*told, gravity) > _LIKELIER else 0.0
+    stage, left_s = state.stage, max(state.left_s - dt, 0.0)
     if stage == "free" and force_s > _FORCE_S + 0.5 * dt:
-        stage, no_load_s, load_s = "outside force", 0.0, 0.0
+        stage, no_load_s, load_s, likelier_s, left_s = "outside force", 0.0, 0.0, 0.0, 0.0
     elif stage != "free" and gone_s > _GONE_S:
-        stage = "free"
-    elif stage == "outside force" and load_s > _LOAD_S:
+        stage, left_s = "free", _LEFT_S
+    elif stage == "outside force" and (likelier_s > _LOAD_S or state.outside_s > _LEARNED_S):
         # A load is learned with all else, and is usual at once: it is not to come again as a force.
         stage, usual = "free", max(usual, size)
     elif stage == "outside force" and no_load_s > _NO_LOAD_S:
         stage = "contact"
     elif stage == "contact" and load_s > _A_LOAD_S:
         stage = "outside force"
-    outside_s = state.outside_s + dt if stage == "outside force" else 0.0
-    if stage == "free" or outside_s > _LEARNED_S:
+    outside_s = state.outside_s + dt * moves if stage == "outside force" else 0.0
+    if stage == "free" and fast_size <= _FORCE:
         usual += (1.0 - math.exp(-dt / _USUAL_S)) * (size - usual)
-    return StageState(stage, force_s, gone_s, no_load_s, load_s, outside_s, swing, usual)
+    times = force_s, gone_s, no_load_s, load_s, likelier_s, outside_s, left_s
+    return StageState(stage, *times, largest_n, swing, usual)
 
 
 def _size(force: Array, covariance: Array) -> float:
@@ -148,9 +184,33 @@ def _beside_weakest(force: Array, covariance: Array) -> Array:
     return np.asarray(covariance + share * float(weakest @ force) ** 2 * np.outer(weakest, weakest))
 
 
+def _across(force: Array, covariance: Array) -> float:
+    """Return how much of a force is across the direction of the largest deviation [N]."""
+    weakest = np.linalg.eigh(covariance)[1][:, -1]
+    return float(np.linalg.norm(force - float(weakest @ force) * weakest))
+
+
 def _rest(force: Array, covariance: Array, gravity: Array, load_kg: float) -> float:
     """Return the same of what the best change of the load leaves."""
     by_force, by_gravity = np.linalg.solve(covariance, np.column_stack([force, gravity])).T
     along = float(gravity @ by_gravity)
     change_kg = max(float(gravity @ by_force) / along, -max(load_kg, 0.0)) if along > 0.0 else 0.0
     return _size(force - change_kg * gravity, covariance)
+
+
+def _likelier(force: Array, covariance: Array, gravity: Array) -> float:
+    """Return the logarithm of how much likelier a change of the load makes the force than a push does.
+
+    Both are of any size. A push comes from any side, and along the backbone with less.
+    """
+    variances, directions = np.linalg.eigh(covariance)
+    weakest, share = directions[:, -1], 1.0 - variances[-2] / variances[-1]
+    down = gravity / max(float(np.linalg.norm(gravity)), 1e-9)
+    across = force - share * float(weakest @ force) * weakest
+    seen = down - share * float(weakest @ down) * weakest
+    size = float(across @ across)
+    push = size * (np.eye(3) - share * (1.0 - ALONG**2) * np.outer(weakest, weakest))
+    load = size / max(float(seen @ seen), 1e-2) * np.outer(down, down)
+    by_push, by_load = covariance + push, covariance + load
+    ratio = np.linalg.slogdet(by_push)[1] - np.linalg.slogdet(by_load)[1]
+    return 0.5 * float(_size(force, by_push) - _size(force, by_load) + ratio)

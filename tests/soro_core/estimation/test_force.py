@@ -6,10 +6,13 @@ from scipy.optimize import root
 
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation.config import LearnerConfig
-from soro_core.adaptation.learner import Learner, LearnerSample
+from soro_core.adaptation.learner import Learner
+from soro_core.adaptation.learning.state import LearnerSample
 from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerConfig
+from soro_core.control.reference.trajectory import Hold
 from soro_core.estimation import Estimator, EstimatorConfig
+from soro_core.estimation.force.average import averaged, covariance
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.observer import ForceObserver, Noise
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -77,7 +80,7 @@ def after(seconds, force, load_kg=0.02, acceleration=0.0, state=None, gravity=GR
     state = StageState(usual=1.0) if state is None else state
     pair = np.asarray(force), SURE
     for _ in range(round(seconds / DT)):
-        state = next_stage(state, ForceSeen(pair, pair, gravity, load_kg, acceleration), DT)
+        state = next_stage(state, ForceSeen(pair, pair, pair, gravity, load_kg, 0.01, acceleration), DT)
     return state
 
 
@@ -129,7 +132,7 @@ def test_no_more_load_can_go_than_there_is(load_kg, stage):
     covariance = 1e-6 * np.eye(3) + 0.2**2 * np.outer(along, along)
     state, pair = StageState(usual=1.0), (np.array([-0.05, 0.0, 0.0]), covariance)
     for _ in range(25):
-        state = next_stage(state, ForceSeen(pair, pair, GRAVITY, load_kg, 0.0), DT)
+        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, load_kg, 0.01, 0.0), DT)
     assert state.stage == stage
 
 
@@ -138,12 +141,66 @@ def test_a_load_that_swings_is_no_contact():
     assert after(0.5, (0.05, 0.0, -0.2), acceleration=0.0).stage == "contact"
 
 
+# A bent arm: its chord, along which little is known, leans in the plane of gravity.
+CHORD = np.array([0.3, 0.0, -0.954])
+BENT = 2e-3**2 * np.eye(3) + 0.06**2 * np.outer(CHORD, CHORD)
+
+
+def bent(seconds, force, covariance=BENT, state=None, moves=False):
+    state, pair = state or StageState(usual=1.0), (np.asarray(force), covariance)
+    for _ in range(round(seconds / DT)):
+        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, 0.02, 0.01, 0.0, moves), DT)
+    return state
+
+
+def test_a_push_in_the_plane_of_gravity_is_not_taken_for_a_load():
+    """What a load leaves of it is within its deviations, but the load would pull down much more."""
+    doubtful = 4.0 * BENT
+    assert bent(0.1, (0.05, 0.0, 0.0), doubtful).stage == "outside force"
+    assert bent(5.0, (0.05, 0.0, 0.0), doubtful).stage == "outside force"
+    assert bent(0.6, (0.05, 0.0, 0.0), 0.25 * BENT).stage == "contact"
+    assert bent(0.4, (0.0, 0.0, -0.15)).stage == "free"
+
+
+def test_what_stays_undecided_while_the_arm_moves_is_learned():
+    assert bent(3.0, (0.05, 0.0, 0.0), 4.0 * BENT, moves=True).stage == "free"
+
+
+def test_the_mass_of_before_a_push_is_told_when_it_has_gone():
+    state = bent(0.3, (0.05, 0.0, 0.0), 4.0 * BENT)
+    assert (state.stage, state.mass_free) == ("outside force", True)
+    while state.stage != "free":
+        state = bent(DT, (0.0, 0.0, 0.0), state=state)
+        assert not (state.stage == "free" and state.mass_free)
+    assert bent(0.2, (0.0, 0.0, 0.0), state=state).mass_free
+    load = bent(0.4, (0.0, 0.0, -0.15))
+    assert (load.stage, load.mass_free) == ("free", True)
+
+
+def test_a_force_that_begins_does_not_become_usual():
+    assert after(0.1, (0.2, 0.0, 0.0)).doubt == 1.0
+
+
+def test_noise_along_the_chord_does_not_reach_what_is_across_it():
+    density = 1e-2 * (2e-3**2 * np.eye(3) + 0.2**2 * np.outer(CHORD, CHORD))
+    rng, root, found, average = np.random.default_rng(1), np.linalg.cholesky(density / DT), [], None
+    for k in range(400):
+        true = np.array([0.1 if k >= 200 else 0.0, 0.0, 0.0])
+        average = averaged(average, true + root @ rng.standard_normal(3), density, 0.0, 8.0, DT)
+        found.append(average.force_n - true)
+    tip = np.array([0.95, 0.0, 0.3])  # across the tip, not across the chord
+    assert np.abs(np.array(found[100:200]) @ tip).max() < 2e-3
+    assert np.abs(np.array(found[205:]) @ tip).max() < 12e-3
+    kept = covariance(average, density)
+    assert np.sqrt(CHORD @ kept @ CHORD) > 5.0 * np.sqrt(kept[1, 1])
+
+
 def test_what_the_model_misses_all_the_time_is_no_force_from_outside():
     state = StageState()
     for k in range(1000):
         t = DT * k
         pair = 0.05 * min(1.0, t / 4.0) * np.array([np.cos(1.6 * t), np.sin(1.6 * t), 0.0]), SURE
-        state = next_stage(state, ForceSeen(pair, pair, GRAVITY, 0.0, 0.0), DT)
+        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, 0.0, 0.01, 0.0), DT)
         assert state.stage != "contact"
     assert state.stage == "free"
     assert state.doubt > 10.0
@@ -196,22 +253,26 @@ class Pushed:
         return self.stepper.step(state, pressure, dt, wrench=wrench)
 
 
-def held(ticks, push=None, enabled=True):
-    """The loop on an arm of four pieces with 20 g, that circles and is pushed from a time on [s]."""
-    setup = Setup(payload_kg=0.02)
+def held(ticks, push=None, enabled=True, payload_kg=0.02, rest_s=np.inf):
+    """The loop on an arm of four pieces, that circles until a time [s] and is pushed from another on."""
+    setup = Setup(payload_kg=payload_kg)
     plant = Harness(ROBOT, setup)
     world = plant.initial()
     plant.stepper = Pushed(plant.stepper, plant.arm)
     config = EstimatorConfig(force={"enabled": enabled})
     control = with_changes(ControllerConfig(law="composite"), reference={"curvature_per_m": 6.0})
     loop = Loop(Estimator(ROBOT, config), Controller(ROBOT, control))
-    state, setpoint, found = loop.initial_state(), np.zeros(3), []
+    state, setpoint, found, reference = loop.initial_state(), np.zeros(3), [], None
     for k in range(ticks):
         if k:
             world = plant.step_setpoints(world, setpoint)
         plant.stepper.force = np.zeros(3) if push is None or k * setup.dt < push[0] else np.asarray(push[1])
         world, seen = plant.observe(world)
-        state, estimate, command = loop.step(state, seen.reading_pa, seen.poses, seen.imus, setup.dt)
+        state, estimate, command = loop.step(
+            state, seen.reading_pa, seen.poses, seen.imus, setup.dt, reference
+        )
+        if k * setup.dt > rest_s and reference is None:
+            reference = Hold(estimate.q)
         if command.status.ok:
             setpoint = command.setpoint_pa
         tip = plant.arm.pose(world.body.q, plant.arm.length)[:3, 3]
@@ -243,6 +304,17 @@ def test_a_push_on_a_circling_arm_is_found_and_taken_into_the_filter():
     assert np.sqrt((sideways**2).sum(axis=1).mean()) < 12e-3
     misses = np.array([one.tip_pose[:3, 3] - tip for one, tip in late])
     assert np.abs(misses.mean(axis=0)).max() < 0.6e-3
+
+
+def test_a_push_on_a_bent_arm_at_rest_is_told_at_once_and_stays():
+    push = np.array([0.1, 0.0, 0.0])  # in the plane of gravity and of the bend: it may be a load
+    found = held(1500, (5.0, push), payload_kg=0.0, rest_s=4.0)
+    late = [(one, tip) for t, one, tip, _ in found if t > 6.0]
+    across = [one.tip_pose[:3, :2].T @ (one.external.force_n - push) for one, _ in late]
+    assert np.linalg.norm(np.mean(across, axis=0)) < 6e-3
+    early = [one.external.force_n[0] for t, one, _, _ in found if 5.3 < t < 6.0]
+    assert 0.05 < min(early) <= max(early) < 0.15
+    assert "contact" in {one.external.stage for one, _ in late}
 
 
 def test_the_doubt_about_the_scale_is_that_of_the_robot_file_where_a_weight_has_shown_it():

@@ -1,0 +1,84 @@
+"""The average of a measured force: over long where it is noisy, and anew when it changes.
+
+The noise along the weak direction, the chord of the arm, is a hundred times that across it, and reaches what
+is across the tip of a bent arm. So both have a Kalman filter of a random walk of their own: one that is a
+low-pass across the chord, and a much slower one along it.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from soro_core.arrays import Array
+
+# Rate along the weak direction [rad/s].
+_ALONG_PER_S = 0.3
+# Square of the deviations of the noise from which on another force is a new one.
+_NEW = 25.0
+# Error of the force of inertia along the weak direction, in parts of that across it.
+_INERTIA_ALONG = 3.0
+# Parts of a new force along the weak direction that are expected, of that across it: of a push, and of what
+# may be a load.
+ALONG, ALONG_LOAD = 0.5, 5.0
+
+
+class Average(NamedTuple):
+    """A force (3,) [N], and its variances by noise along and across the weak direction [N^2]."""
+
+    force_n: Array
+    along: float
+    across: float
+
+
+def averaged(
+    before: Average | None,
+    force_n: Array,
+    density: Array,
+    inertia: float,
+    rate: float,
+    dt: float,
+    along_part: float = ALONG,
+) -> Average:
+    """Return the average with one more measured force.
+
+    Parameters
+    ----------
+    before : Average or None
+        None before the first force.
+    force_n : ndarray (3,)
+        Measured force [N].
+    density : ndarray (3, 3)
+        Covariance of its noise, times the time for which that lasts [N^2 s].
+    inertia : float
+        The same of the error of the force of inertia in each direction across the weak one [N^2 s].
+    rate : float
+        Rate of the low-pass across the weak direction [rad/s].
+    dt : float
+        Time since the last one [s].
+    along_part : float
+        Part of a new force along the weak direction that is expected, of that across it.
+    """
+    variances, directions = np.linalg.eigh(density)
+    noise = (variances[1:] + inertia * np.array([1.0, _INERTIA_ALONG**2])) / max(dt, 1e-3)
+    weak = directions[:, -1]
+    if before is None or dt <= 0.0:
+        return Average(force_n, *noise[::-1])
+    off = force_n - before.force_n
+    along = float(weak @ off) * weak
+    across = off - along
+    size = float(across @ across)
+    spread = np.array([before.across, before.along]) + np.square(dt * np.array([rate, _ALONG_PER_S])) * noise
+    if size > _NEW * float(spread[0] + noise[0]):
+        spread = spread + size * np.array([1.0, along_part**2])
+    gain = spread / (spread + noise)
+    left = (1.0 - gain) * spread
+    return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]))
+
+
+def covariance(average: Average, density: Array) -> Array:
+    """Return the covariance (3, 3) [N^2] of an average by noise of such a density."""
+    weak = np.linalg.eigh(density)[1][:, -1]
+    square = np.outer(weak, weak)
+    return np.asarray(average.across * (np.eye(3) - square) + average.along * square)

@@ -24,6 +24,8 @@ _EDGE = 0.02
 _LEAST = 0.2
 # Samples between two shapes of a way; shapes over which a turn slows the tip.
 _EVEN, _SPREAD = 4, 3
+# Samples of its speed and acceleration, as a multiple of its shapes.
+_DENSE = 12
 
 
 def route_around(planner: Planner, q: Array, position: Array) -> Planning[Route]:
@@ -68,7 +70,7 @@ def route_around(planner: Planner, q: Array, position: Array) -> Planning[Route]
             if times == _MARGINS[-1]:
                 raise
     settings = planner.config.motion
-    speed, acceleration, rate = yield from planner.timing.peaks(part, _EVEN * len(way.q))
+    speed, acceleration, rate = yield from planner.timing.peaks(part, _DENSE * len(way.q))
     longer = max(
         speed / settings.speed_m_s, math.sqrt(acceleration / settings.acceleration_m_s2), rate, _LEAST
     )

@@ -13,6 +13,7 @@ from soro_core import Loop, Robot, SoftArm, load_robot
 from soro_core.arrays import Array
 from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig, Reference
+from soro_core.control.motions.motion_parts import PiecewiseMotion
 from soro_core.control.motions.way_around import route_around
 from soro_core.control.reference.active_reference import reference_ahead
 from soro_core.estimation import Estimator
@@ -86,7 +87,7 @@ def ends(arm: SoftArm, random: np.random.Generator) -> tuple[Array, Array]:
 
 def balls(arm: SoftArm, shapes: Array, random: np.random.Generator) -> Contacts:
     """Return 3 to 6 balls near shapes (n, n_q) of an arm and clear of the first and the last one."""
-    wanted, found = random.integers(3, 7), ()
+    wanted, found = random.integers(3, 7), tuple[Sphere, ...]()
     while len(found) < wanted:
         at = arm.pose(shapes[random.integers(len(shapes))], random.uniform(0.3, 1.0) * arm.length)[:3, 3]
         centre, radius = at + random.normal(0.0, 0.02, 3), float(random.uniform(0.005, 0.012))
@@ -123,10 +124,10 @@ def followed(robot: Robot, seed: int) -> tuple[float, float] | None:
     goal = arm.pose(shapes[-1], arm.length)[:3, 3]
     config = parse({"law": "composite", "reference": {"kind": "hold"}}, ControllerConfig, "benchmark")
     controller = Controller(robot.replace(contacts=found.model_dump()), config)
-    loop, twin, motions = Loop(Estimator(robot), controller), Twin(robot), []
+    loop, twin, motions = Loop(Estimator(robot), controller), Twin(robot), list[PiecewiseMotion]()
 
     def reference(t: float, state: LoopState) -> Reference | None:
-        if t >= _SETTLED_S and not motions:
+        if t >= _SETTLED_S and not motions and state.controller.following is not None:
             planner = controller.planner(state.controller, twin.dt)
             begin = reference_ahead(controller.bounds, state.controller.following, 0.0)
             route = finished(route_around(planner, begin.q, goal))

@@ -11,6 +11,7 @@ from rich.console import Console
 from benchmarks import (
     air_fit,
     arms,
+    around,
     bags,
     board,
     bodies,
@@ -69,6 +70,7 @@ SECTIONS = {
     "force": force,
     "arms": arms,
     "motions": motions,
+    "around": around,
     "whole_way": whole_way,
     "design": design,
     "can_rates": can_rates,

@@ -66,6 +66,18 @@ def move(
     relative: Annotated[
         bool, typer.Option("--relative", help="Points count from where the tip is wanted now.")
     ] = False,
+    around: Annotated[
+        bool | None,
+        typer.Option(
+            "--around/--straight",
+            help="to: go around the obstacles of the robot file, or not, also later. Default: as the "
+            "controller has it.",
+        ),
+    ] = None,
+    margin_m: Annotated[
+        float | None,
+        unit_option("--margin", "m", 0.0, 1.0, help="Clearance of a way around obstacles, also later."),
+    ] = None,
     speed: Annotated[
         float | None,
         unit_option("--speed", "m/s", 1e-6, help="Fastest, also later. Default: as the controller has it."),
@@ -86,7 +98,11 @@ def move(
     given = {
         "control.motion.speed_m_s": speed,
         "control.motion.acceleration_m_s2": acceleration,
+        "control.motion.around": around,
+        "control.motion.margin_m": margin_m,
     }
+    if around and kind is not MotionType.TO:
+        raise ConfigError("soro move", "--around", kind.value, "to: the other kinds state their path")
     with service_caller() as caller:
         from soro_ros.run.motion_client import Mover
 

@@ -74,7 +74,9 @@ class Mover:
         node.create_subscription(PoseStamped, f"{names}/{_DESIRED}", self._on_desired, qos.SENSOR)
 
     @contextlib.contextmanager
-    def configured(self, given: Mapping[str, float | None], once: Container[str] = ()) -> Iterator[None]:
+    def configured(
+        self, given: Mapping[str, float | bool | None], once: Container[str] = ()
+    ) -> Iterator[None]:
         """Set parameters of the controller for a motion; those of a refused one are taken back.
 
         Parameters

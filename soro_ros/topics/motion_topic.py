@@ -19,12 +19,12 @@ from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerState, Reference
 from soro_core.control.force.press import Press
 from soro_core.control.motion_config import MotionConfig
-from soro_core.control.motions.motion import finished
 from soro_core.control.motions.motion_parts import PiecewiseMotion
-from soro_core.control.motions.path_coordinates import Planning
+from soro_core.control.motions.way_around import route_around
 from soro_core.control.reference.active_reference import STREAM_S, ActiveReference, at_rest, reference_ahead
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError, SoroError
+from soro_core.planning.steps import Planning, finished
 from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.references import poses_in_world
@@ -122,7 +122,10 @@ class MotionTopic:
         arm, begin = self._controller.arm, Point(*np.zeros((3, len(q))))
         tips = np.array([arm.pose(x, arm.length)[:3, 3] for x in (begin.q, q)])
         with contextlib.suppress(SoroError):  # an arm that cannot move like this has done the same work
-            finished(self._controller.planner(state, self._period_s).plan(begin, tips, None, 0.0))
+            planner = self._controller.planner(state, self._period_s)
+            finished(planner.plan(begin, tips, None, 0.0))
+            if self._controller.obstacles is not None:
+                finished(route_around(planner, begin.q, tips[1]))
 
     def cancel(self, state: str, text: str) -> None:
         """End the motion, if there is one, because of something else."""
@@ -243,7 +246,10 @@ class MotionTopic:
         planner = controller.planner(state, self._period_s)
         planner = replace(planner, config=with_changes(planner.config, motion=config))
         near = reference_ahead(controller.bounds, following, 0.0).q
-        route = yield from planner.route(near, positions, orientations)
+        if config.around and len(positions) == 1:
+            route = yield from route_around(planner, near, positions[0])
+        else:
+            route = yield from planner.route(near, positions, orientations)
         ahead_s = _AHEAD_S
         while True:
             _, t, following = self._reached()

@@ -11,8 +11,10 @@ from rich.console import Console
 from benchmarks import (
     air_fit,
     arms,
+    around,
     bags,
     board,
+    bodies,
     can_rates,
     composed,
     control,
@@ -68,6 +70,7 @@ SECTIONS = {
     "force": force,
     "arms": arms,
     "motions": motions,
+    "around": around,
     "whole_way": whole_way,
     "design": design,
     "can_rates": can_rates,
@@ -79,6 +82,7 @@ SECTIONS = {
     "bags": bags,
     "composed": composed,
     "view": view,
+    "bodies": bodies,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -44,6 +44,8 @@ STANDING = {
     "controller.reference.mean_pressure_pa": 40e3,
 }
 EMPTY = {"twin.payload_kg": 0.0}
+# Bend of the standing arm: three times the automatic k_p, twice k_d.
+FIRM = {"k_p": [0.194, 6.87e-6, 6.87e-6], "k_d": [0.0, 4.96e-7, 4.96e-7], "lambda_per_s": [3.59, 3.59, 3.59]}
 # A link whose strains vary is not divided.
 WHOLE = {"twin.refine": 1}
 
@@ -79,6 +81,12 @@ CASES = (
     Case("hanging, area slope -2", 0.010, sloped(-2.0), {**HANGING, **EMPTY}),
     Case("hanging, area slope 0", 0.015, sloped(0.0), {**HANGING, **EMPTY}),
     Case("standing, k_b x 0.75, slope 0, order 1, 20 g", 0.02, sloped(0.0, 0.75, 1), WHOLE),
+    Case(
+        "the same with k_p of the bend times 3, k_d times 2",
+        0.02,
+        sloped(0.0, 0.75, 1),
+        {**WHOLE, "controller.gains": FIRM},
+    ),
     Case("standing, k_b x 0.75, slope 0, order 0, 20 g", 0.02, sloped(0.0, 0.75), WHOLE),
     Case("hanging, chamber 1 at 60 %", 0.005, weak(1, 0.6), {**HANGING, **EMPTY}),
     Case(

@@ -13,11 +13,11 @@ import numpy as np
 from benchmarks.options import Options
 from benchmarks.report import table
 from soro_core.control import Reference
-from soro_core.control.motions.motion import finished
 from soro_core.control.motions.motion_parts import PiecewiseMotion
 from soro_core.control.motions.tip_path import corners
 from soro_core.control.reference.active_reference import reference_ahead
 from soro_core.loop import Loop, LoopState
+from soro_core.planning.steps import finished
 from soro_core.twin import Twin
 from soro_lab.scene import Scene, load_scene
 from soro_lab.scene.loop import loop_of

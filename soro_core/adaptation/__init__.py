@@ -8,8 +8,8 @@ if TYPE_CHECKING:
     from soro_core.adaptation.force import LearnedForce as LearnedForce
     from soro_core.adaptation.learned import Learned as Learned
     from soro_core.adaptation.learner import Learner as Learner
-    from soro_core.adaptation.learner import LearnerSample as LearnerSample
-    from soro_core.adaptation.learner import LearnerState as LearnerState
+    from soro_core.adaptation.learning.state import LearnerSample as LearnerSample
+    from soro_core.adaptation.learning.state import LearnerState as LearnerState
     from soro_core.adaptation.regulators import ObserverState as ObserverState
     from soro_core.adaptation.regulators import RegulatorObserver as RegulatorObserver
 
@@ -18,7 +18,8 @@ __all__, __getattr__ = lazy(
     {
         ".force": "LearnedForce",
         ".learned": "Learned",
-        ".learner": "Learner LearnerSample LearnerState",
+        ".learner": "Learner",
+        ".learning.state": "LearnerSample LearnerState",
         ".regulators": "ObserverState RegulatorObserver",
     },
 )

@@ -24,9 +24,12 @@ class ExternalForce:
         Whether something pushes: a load may still explain an outside force, and no load a contact.
     mass_free : bool
         Whether the load may still be learned; not in contact.
+    tip : ndarray (3,) or None
+        Where the tip was measured, in the world, behind the low-pass of `fast_per_s` [m].
     """
 
     force_n: Array
     covariance: Array
     stage: Stage = "free"
     mass_free: bool = True
+    tip: Array | None = None

@@ -19,8 +19,8 @@ from soro_core.errors import ConfigError
 from soro_core.robot import Robot
 
 FILE = "learned.yaml"
-# It changes with the meaning of the numbers.
-_VERSION: Final = 2
+# It changes with the meaning of the numbers: until version 2 the growth of an area was linear in the strain.
+_VERSION: Final = 3
 _HEAD = (
     "# What was learned of the arm until the end of a run: of each number its value and its deviation.\n"
     "# soro run SCENE --learn-from FILE starts from gains, area slopes, damping and stiffness\n"
@@ -32,7 +32,7 @@ _HEAD = (
 class KeptNumbers(Strict):
     """The learned numbers of one robot, as the law `composite` names them."""
 
-    version: Literal[2] = Field(description="version of this file")
+    version: Literal[3] = Field(description="version of this file")
     robot: str = Field(description="name of the robot")
     digest: str = Field(description="digest of the robot file's numbers and of how its links are divided")
     numbers: Mapping[str, Floats] = Field(description="value and deviation of each number, by name")
@@ -147,7 +147,10 @@ def load_kept(path: Path) -> KeptNumbers:
         raise ConfigError(str(path), "", "no such file", f"a run folder or its {FILE}")
     data = read_yaml(file)
     if "version" in data and data["version"] != _VERSION:
-        raise ConfigError(str(file), "version", data["version"], f"{_VERSION}, which this soro reads")
+        allowed = (
+            f"{_VERSION}, which this soro reads: numbers of another version mean other things, learn again"
+        )
+        raise ConfigError(str(file), "version", data["version"], allowed)
     return parse(data, KeptNumbers, where=str(file))
 
 

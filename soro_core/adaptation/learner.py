@@ -11,23 +11,24 @@ do not determine stays at the prior.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soro_core.adaptation.bounds import bounded_minimum
 from soro_core.adaptation.chamber_gains import NAMED_DEVIATIONS, NAMED_PART, chamber_model
 from soro_core.adaptation.config import LearnerConfig, complete_learner, follow_rate
 from soro_core.adaptation.damping import MOST_S
-from soro_core.adaptation.external_force import Stage
 from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.kept import KeptNumbers
 from soro_core.adaptation.kernel.information import LearningRule, RuleFields, gain
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
+from soro_core.adaptation.learning.bounds import bounded_minimum
+from soro_core.adaptation.learning.outside_force import held, remembered
+from soro_core.adaptation.learning.slope_evidence import SlopeEvidence, compared, rivals
+from soro_core.adaptation.learning.state import LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
-from soro_core.adaptation.slope_evidence import NO_EVIDENCE, SlopeEvidence, compared, rivals
 from soro_core.arrays import Array, Integers
 from soro_core.frozen import replaced
 from soro_core.linear import inverse
@@ -46,102 +47,6 @@ _STEP = 1e-6
 _WAIT_S = 0.5
 # The chambers are judged after each such time [s].
 _JUDGED_S = 0.5
-# What was known is kept for between one and two of these times [s].
-_PAST_S = 0.2
-_KEPT = ("learned", "chambers", "information", "moment", "prior")
-
-
-@dataclass(frozen=True)
-class LearnerSample:
-    """What one tick shows.
-
-    Attributes
-    ----------
-    q, qd : ndarray (n_q,)
-        Estimated coordinates and rates.
-    pressure_pa : ndarray (n_u,)
-        Measured pressures [Pa gauge].
-    creep : ndarray (n_internal,)
-        Creep and hysteresis states.
-    covariance : ndarray (n_q, n_q)
-        Covariance of q.
-    unmodelled : NonuniformForce or None
-        Unmodelled force near to q; the rest is learned.
-    stage : {"free", "outside force", "contact"}
-        What pushes from outside: under an outside force the mass alone is learned, in contact nothing.
-    """
-
-    q: Array
-    qd: Array
-    pressure_pa: Array
-    creep: Array
-    covariance: Array
-    unmodelled: NonuniformForce | None = None
-    stage: Stage = "free"
-
-
-@dataclass(frozen=True)
-class LearnerState:
-    """State of the learner.
-
-    Attributes
-    ----------
-    learned : Learned
-        Mass, W and damping in force.
-    chambers : ndarray
-        Relative gains and slopes of the chambers in force, see `ChamberModel`.
-    information, moment : ndarray (size, size), (size,)
-        A and b of A (theta - start) = b.
-    start : ndarray (size,)
-        The prior's mean, from which it has started.
-    prior : ndarray (size, size)
-        A_0, a part of A.
-    residual, regressor : ndarray (n_q,), (n_q, size); None before the first sample
-        Both sides after the low-pass, in units of force.
-    rate : ndarray (n_q,) or None
-        qd of the last sample; None before the first one.
-    waited_s, passed_s : float
-        Time before the low-pass began, and since then [s].
-    at_bound_s : float
-        Time at a bound without a break [s].
-    slopes : SlopeEvidence
-        Whether the slopes of the areas are in force.
-    refused, restored : int
-        Samples that were not finite; restorations of the prior.
-    judged_s, named : float, str
-        Time since the chambers were judged [s], and those that differ from the others of their link.
-    note : str
-        What the last sample has caused, for the user; else empty.
-    stage : {"free", "outside force", "contact"}
-        Stage of the last sample.
-    past : tuple
-        What was known up to two times `_PAST_S` ago, oldest first, each with its age: a force from outside is
-        found a little after it has begun to teach.
-    unpushed : tuple of float and two ndarray, or None
-        Mass [kg], information and regressor before the present force from outside.
-    """
-
-    learned: Learned
-    chambers: Array
-    information: Array
-    moment: Array
-    start: Array
-    prior: Array
-    residual: Array | None = None
-    regressor: Array | None = None
-    rate: Array | None = None
-    waited_s: float = 0.0
-    passed_s: float = 0.0
-    at_bound_s: float = 0.0
-    slopes: SlopeEvidence = NO_EVIDENCE
-    refused: int = 0
-    restored: int = 0
-    judged_s: float = 0.0
-    named: str = ""
-    note: str = ""
-    stage: Stage = "free"
-    past: tuple[tuple[Any, ...], ...] = ()
-    unpushed: tuple[float, Array, Array] | None = None
 
 
 class Learner:
@@ -323,8 +228,9 @@ class Learner:
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
         if sample.stage != "free":
-            held = self._held(state, sample.stage, (residual, regressor), covariance, dt)
-            return replaced(held, residual=residual, regressor=regressor, rate=sample.qd, note=state.named)
+            seen, bounds = (residual, regressor, self._noise(covariance)), self._mass_bounds(state)
+            under = held(state, sample.stage, seen, self._rule, bounds, dt)
+            return replaced(under, residual=residual, regressor=regressor, rate=sample.qd, note=state.named)
         start, known = state.start, np.concatenate([state.learned.theta, state.chambers])
         prior = self._prior(start, known)
         information, moment = state.information + (prior - state.prior), state.moment.copy()
@@ -346,19 +252,15 @@ class Learner:
             note = f"the learned mass at the tip is at its bound, {1e3 * mass_kg:.3g} g"
         parts, judged_s, slopes, named = self._parts(within), state.judged_s + dt, state.slopes, state.named
         if judged_s >= _JUDGED_S:
-            noise = self._rule.noise + self.slope @ covariance @ self.slope.T
-            adopted, mean = compared(slopes, sides, noise, judged_s)
+            adopted, mean = compared(slopes, sides, self._noise(covariance), judged_s)
             found = rivals(information, moment, self.first_slope, self._room(start, True))
             slopes, judged_s = SlopeEvidence(adopted, mean, found), 0.0
             named = self._named(parts["chambers"], information)
-        past = tuple((kept[0] + dt, *kept[1:]) for kept in state.past)
-        if not past or past[-1][0] >= _PAST_S:
-            past = (*past[-1:], (0.0, *(getattr(state, name) for name in _KEPT)))
         return replaced(
             state,
             **parts,
             stage="free",
-            past=past,
+            past=remembered(state, dt),
             information=after[0],
             moment=after[1],
             prior=prior,
@@ -373,52 +275,17 @@ class Learner:
             note="; ".join(filter(None, (named, note))),
         )
 
-    def _held(
-        self, state: LearnerState, stage: Stage, sides: tuple[Array, Array], covariance: Array, dt: float
-    ) -> LearnerState:
-        """Return what is known under a force from outside: what was before it, and its mass until a contact.
+    def _noise(self, covariance: Array) -> Array:
+        """Return the covariance (n_q, n_q) of a residual where q has one (n_q, n_q)."""
+        return np.asarray(self._rule.noise + self.slope @ covariance @ self.slope.T)
 
-        In a contact the mass is again that of before: it was no load.
+    def _mass_bounds(self, state: LearnerState) -> tuple[float, float]:
+        """Return the bounds of the mass [kg] under a push.
+
+        A push to the side is no load less than none, with which a free arm's model may be at its best.
         """
-        if state.stage == "free" and state.past:
-            was: dict[str, Any] = dict(zip(_KEPT, state.past[0][1:], strict=True))
-            unpushed = was["learned"].mass_kg, was["information"], sides[1]
-            state = replaced(state, past=(), unpushed=unpushed, **was)
-        known = np.concatenate([state.learned.theta, state.chambers])
-        mass_kg, information = known[0], state.information
-        if stage == "contact" and state.stage != stage and state.unpushed is not None:
-            mass_kg, information, _ = state.unpushed
-        elif stage == "outside force":
-            mass_kg, information = self._mass_alone(state, known, sides, covariance, dt)
-        if mass_kg != known[0]:
-            known[0] = mass_kg
-            state = replaced(state, **self._parts(known))
-        moment = information @ (known - state.start)
-        passed_s = state.passed_s + dt
-        return replaced(state, stage=stage, information=information, moment=moment, passed_s=passed_s)
-
-    def _mass_alone(
-        self, state: LearnerState, known: Array, sides: tuple[Array, Array], covariance: Array, dt: float
-    ) -> tuple[float, Array]:
-        """Return mass [kg] and information after a sample that is to move no other value.
-
-        The rule is that of `kernel.information` for this one number.
-        """
-        rule, (residual, regressor) = self._rule, sides
-        missing, by_mass = residual - regressor @ known, regressor[:, 0]
-        noise = rule.noise + rule.slope @ covariance @ rule.slope.T
-        weighed = np.linalg.solve(noise, np.column_stack([missing, by_mass]))
-        large = min(float(missing @ weighed[:, 0]) / missing.size, rule.forget_factor)
-        information = state.information.copy()
-        moved = dt * max(large - 1.0, 0.0) * rule.walk
-        column = information[0].copy()
-        information -= moved / (1.0 + moved * column[0]) * np.outer(column, column)
-        part = dt * 0.5 * rule.low_pass_per_s / max(1.0, large)
-        information[0, 0] += part * float(by_mass @ weighed[:, 1])
-        mass_kg = known[0] + part * float(by_mass @ weighed[:, 0]) / information[0, 0]
-        # A push to the side is no load less than none, with which a free arm's model may be at its best.
-        least = max(self.lower[0], min(-self.arm.robot.tip_mass, known[0]))
-        return float(min(max(mass_kg, least), self.upper[0])), information
+        least = max(self.lower[0], min(-self.arm.robot.tip_mass, state.learned.mass_kg))
+        return float(least), float(self.upper[0])
 
     def follow(self, state: LearnerState, power: float, dt: float) -> LearnerState:
         """Return the state after a tick without positions: the mass follows the tracking error.

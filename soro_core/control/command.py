@@ -14,7 +14,7 @@ from soro_core.adaptation.regulators import ObserverState
 from soro_core.arrays import Array
 from soro_core.control.bumpless import BumplessTransfer
 from soro_core.control.control_monitor import ControlMonitorState
-from soro_core.control.force.force_loop import ForceLoopState
+from soro_core.control.force.force_state import ForceLoopState
 from soro_core.control.laws.limit_cycle import LimitCycleState
 from soro_core.control.laws.protocol import Terms
 from soro_core.control.probing.procedure import ProbeState

@@ -24,9 +24,9 @@ from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, lowe
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.motions.motion import Planner
-from soro_core.control.motions.obstacles import obstacles_of
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
+from soro_core.control.nonuniform_strain import nonuniform_of
 from soro_core.control.pressures.actuation import (
     DEFAULT_RATE_HZ,
     CompletePressures,
@@ -44,6 +44,7 @@ from soro_core.control.trial import refuse_lost_arm
 from soro_core.errors import ConfigError, SoroError
 from soro_core.frozen import replaced
 from soro_core.model.discretised import discretised
+from soro_core.planning.obstacles import obstacles_of
 from soro_core.robot import Discretisation, Robot
 from soro_core.robot.coordinates import strain_fields
 
@@ -117,7 +118,8 @@ class Controller(GivenReferences):
         self._nothing = np.zeros(self.arm.n_u)
         self.force_loop = ForceLoop(self.arm, self.fields, self.gains.k_p, self.limit, config.force)
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
-        self.obstacles = obstacles_of(self.arm, model.links)
+        self.obstacles = obstacles_of(self.arm, self.arm.robot.contacts)
+        self.nonuniform = None if self.obstacles is None else nonuniform_of(self.arm, model.links)
         self.check_way(self.law.initial_state(), np.zeros(self.arm.n_q))
         self.probe: Probe | None = None
         begin, still, dt = self.initial_state(), np.zeros(self.arm.n_q), 1.0 / DEFAULT_RATE_HZ
@@ -236,7 +238,7 @@ class Controller(GivenReferences):
         preview_s = self.pressures.preview_s
         point = reference_ahead(self.bounds, following, 0.0)
         external = None if certainty is None else certainty.external
-        force = self.force_loop.step(state.force, following.wanted, point, (q, qd), external, dt)
+        force = self.force_loop.step(state.force, following, point, (q, qd), external, dt)
 
         def later(time_s: float) -> Point:
             return self.force_loop.moved_point(force, reference_ahead(self.bounds, following, time_s), time_s)
@@ -375,4 +377,6 @@ class Controller(GivenReferences):
         """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""
         lookout = partial(self.lookout, state.law)
         supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
-        return Planner(supply, self.bounds, self.config, dt, lookout)
+        own = self.arm.robot.tip_mass
+        load_kg = self.law.estimates(state.law).get("tip_mass", own) - own
+        return Planner(supply, self.bounds, self.config, dt, lookout, load_kg)

@@ -15,12 +15,10 @@ from soro_core.control.force.press import Press
 from soro_core.control.force.press_checks import LARGEST_N, check_cap, check_force
 from soro_core.control.laws.protocol import Law
 from soro_core.control.motions.lookout import Lookout, keep_clear
-from soro_core.control.motions.motion import finished
-from soro_core.control.motions.motion_error import MotionError
-from soro_core.control.motions.obstacles import Obstacles
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import key_of, tip_reference, trajectory_reference
 from soro_core.control.motions.resting_shape import resting_shape
+from soro_core.control.nonuniform_strain import NonuniformStrain
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.reference.active_reference import reference_ahead
 from soro_core.control.reference.reference_transition import Bounds
@@ -28,6 +26,9 @@ from soro_core.control.reference.trajectory import Hold, Reference
 from soro_core.control.reference.underactuation import UnderactuatedReference
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.obstacles import Obstacles
+from soro_core.planning.steps import finished
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import StrainFields
 
@@ -53,6 +54,8 @@ class GivenReferences:
         Largest absolute strain.
     obstacles : Obstacles or None
         What the robot file knows around the arm.
+    nonuniform : NonuniformStrain or None
+        The non-uniform strain of the arm without contact, where there are obstacles and it has one.
     law : Law
     underactuated : UnderactuatedReference
     configured : Reference or None
@@ -68,6 +71,7 @@ class GivenReferences:
     bounds: Bounds
     limit: Array
     obstacles: Obstacles | None
+    nonuniform: NonuniformStrain | None
     law: Law[Any]
     underactuated: UnderactuatedReference
     configured: Reference | None
@@ -160,7 +164,7 @@ class GivenReferences:
         return None if force.felt is None or force.refusal else self.press(state, settings.press_n)
 
     def press(self, state: ControllerState, force_n: Array | Sequence[float]) -> Reference:
-        """Return a reference that presses with a force; of 0 one that lets go, and returns.
+        """Return a reference that presses with a force; of 0 one that releases, and returns.
 
         Parameters
         ----------
@@ -176,8 +180,8 @@ class GivenReferences:
         Raises
         ------
         ConfigError
-            If a number is not finite, there is nothing to let go, or no force that is estimated, the force is
-            beyond the cap or what pressures can make, or the cap below the friction of the arm.
+            If a number is not finite, there is nothing to release, or no force that is estimated, the force
+            is beyond the cap or what pressures can make, or the cap below the friction of the arm.
         """
         push = np.asarray(force_n, dtype=np.float64)
         if push.shape != (3,) or not np.all(np.abs(push) <= LARGEST_N):  # what is not finite is not less
@@ -186,9 +190,8 @@ class GivenReferences:
         config, size, before = self.config.force, float(np.linalg.norm(push)), state.force.press
         if size == 0.0:
             if before is None:
-                raise ConfigError(
-                    "press", "force", "0 N", "a force above 0; 0 lets go, and nothing is pressed"
-                )
+                allowed = "a force above 0; 0 releases, and nothing is pressed"
+                raise ConfigError("press", "force", "0 N", allowed)
             return Hold(before.q)
         stiffness = self.force_loop.stiffness
         check_cap(stiffness, config.cap_n, self.setpoints.pressures.play_pa)
@@ -222,7 +225,7 @@ class GivenReferences:
         """
         if self.obstacles is None:
             return None
-        shape = resting_shape(self.arm, self.law, law_state, self.underactuated, self.obstacles.nonuniform)
+        shape = resting_shape(self.arm, self.law, law_state, self.underactuated, self.nonuniform)
         return Lookout(self.obstacles, shape, start)
 
     def _keep_clear(self, state: ControllerState, reference: Reference) -> None:

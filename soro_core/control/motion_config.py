@@ -24,6 +24,15 @@ class MotionConfig(Strict):
     rate_part: float = Field(
         0.8, gt=0, le=1, description="part of the allowed rates of set points that a motion takes"
     )
+    around: bool = Field(
+        False, description="to one pose the arm goes around the obstacles of the robot file, if it must"
+    )
+    margin_m: float = Field(
+        2e-3, ge=0, le=1, description="clearance from obstacles that a way around them keeps"
+    )
+    around_shapes: int = Field(
+        40_000, ge=100, le=10_000_000, description="shapes of the arm among which a way around is sought"
+    )
     reached_m: float = Field(
         2e-3, gt=0, le=1, description="distance of the tip from the end of a motion that counts as reached"
     )

@@ -75,6 +75,20 @@ def has_nonuniform_strain(arm: SoftArm) -> bool:
     return all(_full_rank(rows) for rows in (ends.T, unit[:, None] * arm.actuation_matrix()))
 
 
+def nonuniform_of(arm: SoftArm, pieces: int) -> NonuniformStrain | None:
+    """Return the non-uniform strain of an arm without its contacts, or None where it has none.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        Discretised model.
+    pieces : int
+        Number of pieces into which each link is discretised.
+    """
+    bare = SoftArm(arm.robot.replace(contacts=None))
+    return NonuniformStrain(bare, pieces) if has_nonuniform_strain(bare) else None
+
+
 class NonuniformStrain:
     """The non-uniform strain of one arm for which `has_nonuniform_strain` holds.
 

@@ -17,7 +17,6 @@ from soro_core.config import Strict
 from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
-from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.limit_cycle import no_limit_cycle
 from soro_core.control.laws.registry import options_of
@@ -121,7 +120,7 @@ def _with_keys(controller: Controller, config: ControllerConfig, pressures: Comp
     if config.gains != before.gains:
         ahead_s, factors = new.pressures.preview_s, new.law.feedback_factors
         new.gains = gains_of(new.arm, new.fields, config.gains, pieces, ahead_s, factors)
-    new.force_loop = ForceLoop(new.arm, new.fields, new.gains.k_p, new.limit, config.force)
+    new.force_loop = new.force_loop.retuned(new.gains.k_p, config.force)
     if _moves_otherwise(before, config):
         new.configured = configured_reference(new.arm, new.bounds, config, new.pressures)
         check_configured(new.bounds, new.configured)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -138,14 +138,20 @@ class TwinSection(Strict):
     base_shake: Shake = Field(
         Shake(), description="swing of the base, which estimator and controller do not know"
     )
+    base_by_topic: bool = Field(
+        False, description="base/pose moves the base, which estimator and controller do not know"
+    )
     follow_shared_name: bool = Field(False, description="as of the regulator node")
 
-    @field_validator("base_shake")
+    @field_validator("base_shake", "base_by_topic")
     @classmethod
-    def _carried(cls, value: Shake, info: ValidationInfo) -> Shake:
-        imu = info.data.get("imu")
-        if value.moves and (info.data.get("air") == "states" or (imu is not None and imu.enabled)):
-            raise ValueError("amplitudes of 0 beside air: states or an enabled imu")
+    def _carried(cls, value: Shake | bool, info: ValidationInfo) -> Shake | bool:
+        imu, shake = info.data.get("imu"), info.data.get("base_shake", Shake())
+        moves = value if isinstance(value, bool) else value.moves
+        if moves and (info.data.get("air") == "states" or (imu is not None and imu.enabled)):
+            raise ValueError("a base at rest beside air: states or an enabled imu")
+        if value is True and shake.moves:
+            raise ValueError("false beside a base_shake")
         return value
 
     @field_validator("valve")
@@ -181,6 +187,10 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
         description="lockstep: longest time behind duration_s until the arm rests with empty chambers",
     )
     plant_link: str = Field("", description="socket of the emulated valves, for pressures: valves")
+    plant_chambers: Annotated[tuple[int, ...], Field(strict=False)] = Field(
+        (),
+        description="which of the emulated valves feed the chambers, by number; empty: all, in their order",
+    )
     fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
     priority: Priority = 10
 
@@ -188,6 +198,8 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
     def _used(self) -> TwinConfig:
         if self.air == "states" and self.pressures == "measured":
             raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
+        if self.air == "states" and self.plant_chambers:
+            raise ValueError("air: lag beside valves that other arms share, or that have another order")
         return self
 
 

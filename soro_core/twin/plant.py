@@ -19,6 +19,7 @@ from soro_core.model.tables import CONTACT
 from soro_core.pneumatics import ValveCondition
 from soro_core.robot import Contacts, Robot, refuse_tendons
 from soro_core.twin.config import TwinConfig, check_volumes, described_plant
+from soro_core.twin.followed_base import BaseWay, FollowedBase
 
 # Longest step times angular frequency of the free tip on a wall; from 1.8 on it bounces higher and higher.
 BOUNCE = 1.2
@@ -91,7 +92,8 @@ class ArmPlant:
             check_volumes(real, where="parameters of twin", key="air")
         valves = config.valve if self.has_air else None
         self._push, self._wall = config.wrench, config.wall if config.wall.stiffness else None
-        self._base = config.base_shake if config.base_shake.moves else None
+        self._followed = FollowedBase() if config.base_by_topic else None
+        self._base = config.base_shake if config.base_shake.moves else self._followed
         self._stepper = make_stepper(config.integrator, self.arm, valves=valves, base=self._base)
         stiffness = config.wall.stiffness
         self._step_s = min(config.step_s, _bounce_step(self.arm, stiffness) if stiffness else math.inf)
@@ -107,6 +109,11 @@ class ArmPlant:
         self.move_wall(-math.inf)
         q = equilibrium(self.arm, pressure_pa)
         return self._stepper.initial_state(q, pressure0=pressure_pa if self.has_air else None)
+
+    def follow(self, way: BaseWay) -> None:
+        """Let the base go this way from now on, where it follows poses."""
+        if self._followed is not None:
+            self._followed.way = way
 
     def pose(self, state: State, s: float, t: float) -> Array:
         """Return the pose (4, 4) of a place in the world.

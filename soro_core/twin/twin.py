@@ -21,6 +21,7 @@ from soro_core.integrate import OK, State, Status
 from soro_core.model.checks import finite, shaped
 from soro_core.robot import Robot
 from soro_core.twin.config import SensorConfig, TwinConfig
+from soro_core.twin.followed_base import AT_REST, BaseWay
 from soro_core.twin.plant import ArmPlant, Instant
 from soro_core.twin.sensors import (
     Sample,
@@ -56,6 +57,8 @@ class TwinState:
         Tick from which the times of payload, wrench and wall count; None: they wait.
     push : ndarray (6,), optional
         Torque [N m] and force [N] at the tip in the world, beside those of the scene.
+    base : BaseWay
+        Where the base goes, if it follows poses.
     """
 
     tick: int
@@ -66,6 +69,7 @@ class TwinState:
     status: Status
     start_tick: int | None = 0
     push: Array | None = None
+    base: BaseWay = AT_REST
 
 
 @dataclass(frozen=True)
@@ -140,7 +144,9 @@ class Twin:
 
     def _plant(self, state: TwinState) -> ArmPlant:
         """The arm with the payload that it carries in a state."""
-        return self._plants[self.config.payload_changes.passed(self._since(state))]
+        plant = self._plants[self.config.payload_changes.passed(self._since(state))]
+        plant.follow(state.base)
+        return plant
 
     def initial(self, pressure_pa: Array | None = None) -> TwinState:
         """Return the state at tick 0: at rest under constant pressures (n_u,) [Pa], none by default."""
@@ -244,6 +250,32 @@ class Twin:
         torque, force = shaped(torque_nm, (3,), "torque_nm", name), shaped(force_n, (3,), "force_n", name)
         push = finite(np.concatenate((torque, force)), "torque and force of a push")
         return replaced(state, push=push if push.any() else None)
+
+    def at_base(self, state: TwinState, pose: ArrayLike) -> TwinState:
+        """Return the state with a base on its way to another pose.
+
+        Parameters
+        ----------
+        state : TwinState
+        pose : array_like (4, 4)
+            Of the base in the world.
+
+        Raises
+        ------
+        ModelError
+            If the base does not follow poses (`base_by_topic`), or this is none, or too far from the last.
+        """
+        arm = self.plant.arm
+        there = shaped(pose, (4, 4), "pose", arm.robot.name)
+        finite(there.ravel(), "pose of the base")
+        if not self.config.base_by_topic:
+            text = "a pose of the base with base_by_topic: false: allowed with true"
+            raise ModelError(text, "base_by_topic")
+        rotation = there[:3, :3] @ arm.tables.base_rotation.T
+        if not np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-6:
+            raise ModelError("a pose of the base without a rotation: allowed is a rigid one", "pose")
+        way = state.base.towards(state.tick * self.dt, there[:3, 3] - arm.tables.base_position, rotation)
+        return replaced(state, base=way)
 
     def step_pressures(self, state: TwinState, pressure_pa: Array) -> TwinState:
         """Advance one tick with true chamber pressures (n_u,) [Pa gauge] from elsewhere.

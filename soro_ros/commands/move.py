@@ -15,6 +15,8 @@ from soro_core.errors import ConfigError
 from soro_core.files.units import Quantity, unit_option
 from soro_ros.commands.services import COMMANDS, one_node, service_caller
 
+# Of one press: later ones are as configured.
+_TARE = "control.force.tare"
 # Numbers below zero are no options.
 CONTEXT = {"ignore_unknown_options": True}
 
@@ -64,6 +66,18 @@ def move(
     relative: Annotated[
         bool, typer.Option("--relative", help="Points count from where the tip is wanted now.")
     ] = False,
+    around: Annotated[
+        bool | None,
+        typer.Option(
+            "--around/--straight",
+            help="to: go around the obstacles of the robot file, or not, also later. Default: as the "
+            "controller has it.",
+        ),
+    ] = None,
+    margin_m: Annotated[
+        float | None,
+        unit_option("--margin", "m", 0.0, 1.0, help="Clearance of a way around obstacles, also later."),
+    ] = None,
     speed: Annotated[
         float | None,
         unit_option("--speed", "m/s", 1e-6, help="Fastest, also later. Default: as the controller has it."),
@@ -84,15 +98,20 @@ def move(
     given = {
         "control.motion.speed_m_s": speed,
         "control.motion.acceleration_m_s2": acceleration,
+        "control.motion.around": around,
+        "control.motion.margin_m": margin_m,
     }
+    if around and kind is not MotionType.TO:
+        raise ConfigError("soro move", "--around", kind.value, "to: the other kinds state their path")
     with service_caller() as caller:
         from soro_ros.run.motion_client import Mover
 
         name = one_node(caller, "enable", node, timeout_s, COMMANDS)
         mover = Mover(caller, name, timeout_s, typer.echo)
-        mover.configure({key: value for key, value in given.items() if value is not None})
         start = mover.start()
-        status = mover.move(path(kind, start, goals + start if relative else goals))
+        positions = path(kind, start, goals + start if relative else goals)
+        with mover.configured(given):
+            status = mover.move(positions)
     raise typer.Exit(status)
 
 
@@ -111,8 +130,13 @@ def press(
         unit_option("--duration", "s", 0.0, 3600.0, "5s", help="How long the force is held before it ends."),
     ] = 5.0,
     tare: Annotated[
-        bool, typer.Option("--tare", help="The force that is estimated at the begin counts as none.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--tare/--no-tare",
+            help="Whether the force that is estimated at the begin counts as none. Default: as configured.",
+            show_default=False,
+        ),
+    ] = None,
     cap: Annotated[
         float | None,
         unit_option(
@@ -132,7 +156,7 @@ def press(
     node: Annotated[str, _NODE] = "",
     timeout_s: Annotated[float, _TIMEOUT] = 10.0,
 ) -> None:
-    """Press on what is in the way of the tip, hold the force, let go and return to the begin.
+    """Press on what is in the way of the tip, hold the force, release and return to the begin.
 
     The tip goes along the direction from where it is wanted now, slowly, until it touches something, and then
     keeps the force along the direction; across it, it stays. The controller must estimate forces
@@ -140,7 +164,7 @@ def press(
 
     Exit status 0: the force was held for the duration, and the tip is back. 1: the tip met nothing, the force
     was not reached or lost, or the press was replaced or vented. 2: it was refused before anything moved.
-    Ctrl-C lets go and ends the command.
+    Ctrl-C releases and ends the command.
     """
     size = Quantity("N", 0.0, 1e3, "100mN").number(force, "soro press", "FORCE")
     along = _direction(direction)
@@ -148,16 +172,16 @@ def press(
         "control.force.cap_n": cap,
         "control.force.approach_speed_m_s": approach_speed,
         "control.force.approach_s": approach_s,
-        "control.force.tare": tare,
+        _TARE: tare,
     }
     with service_caller() as caller:
         from soro_ros.run.motion_client import Presser
 
         name = one_node(caller, "enable", node, timeout_s, COMMANDS)
         presser = Presser(caller, name, timeout_s, typer.echo)
-        presser.configure({key: value for key, value in given.items() if value is not None})
         presser.start()
-        status = presser.press(size * along, duration_s)
+        with presser.configured(given, once=[_TARE]):
+            status = presser.press(size * along, duration_s)
     raise typer.Exit(status)
 
 

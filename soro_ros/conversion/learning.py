@@ -3,7 +3,7 @@
 The header has the stamp, `position` the numbers, and no joint has a name.
 arm/covariance: 1 if the filter has positions of the arm, else 0, then P of (q, qd) row by row. Where the
 force on the arm is estimated, `effort` has its stage, 1 if the load may be learned, else 0, then the force
-and its covariance.
+and its covariance, and `velocity` where the tip was measured.
 arm/learned: the learned model; `velocity` and `effort` have its parts `own` and `doubt`, if there are any.
 Without numbers: there is none at this tick.
 """
@@ -38,6 +38,7 @@ def covariance(certainty: Certainty | None, stamp_ns: int) -> JointState:
     if (force := certainty.external) is not None:
         known = [STAGES.index(force.stage), force.mass_free]
         message.effort = messages.doubles(np.concatenate([known, force.force_n, force.covariance.ravel()]))
+        message.velocity = messages.doubles(() if force.tip is None else force.tip)
     return message
 
 
@@ -48,16 +49,19 @@ def certainty_of(message: JointState, n_q: int) -> Certainty | None:
     # Each entry is the product of two numbers of an arm.
     if values.size != 1 + size * size or not messages.is_possible(np.sqrt(np.abs(values))):
         return None
-    force = np.array(message.effort, dtype=np.float64)
-    if force.size not in (0, _FORCE) or not messages.is_possible(force):
+    force, tip = (np.array(part, dtype=np.float64) for part in (message.effort, message.velocity))
+    if force.size not in (0, _FORCE) or tip.size not in (0, 3):
         return None
-    return Certainty(values[1:].reshape(size, size), bool(values[0]), _external(force))
+    if not messages.is_possible(force) or not messages.is_possible(tip):
+        return None
+    return Certainty(values[1:].reshape(size, size), bool(values[0]), _external(force, tip))
 
 
-def _external(values: Array) -> ExternalForce | None:
+def _external(values: Array, tip: Array) -> ExternalForce | None:
     if not values.size or values[0] not in range(len(STAGES)):
         return None
-    return ExternalForce(values[2:5], values[5:].reshape(3, 3), STAGES[int(values[0])], bool(values[1]))
+    force, covariance, stage = values[2:5], values[5:].reshape(3, 3), STAGES[int(values[0])]
+    return ExternalForce(force, covariance, stage, bool(values[1]), tip if tip.size else None)
 
 
 def learned(model: Learned | None, stamp_ns: int) -> JointState:

@@ -115,8 +115,7 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
     def _motion(self) -> MotionConfig:
         """The section `motion` with what the parameters say now."""
         names = MotionConfig.model_fields
-        values = {name: self.get_parameter(f"control.motion.{name}").value for name in names}
-        return MotionConfig(**{name: float(value) for name, value in values.items()})
+        return MotionConfig(**{name: self.get_parameter(f"control.motion.{name}").value for name in names})
 
     def _refuse(self, reason: str, repeated: bool) -> None:
         if repeated:  # limit the log of a repeated reference

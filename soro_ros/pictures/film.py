@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.arrays import Array
-from soro_core.config import find_config
+from soro_core.config import with_changes
 from soro_core.errors import BagError
 from soro_core.model.discretised import discretised
-from soro_core.robot import Robot, load_robot
+from soro_core.robot import Plane, Robot
 from soro_core.robot.basis import radius_profile
 from soro_core.twin.config import described_plant
 from soro_core.twin.plant import true_robot
@@ -75,10 +75,11 @@ def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) 
         If the bag has no coordinates or no pressures of that time.
     """
     recording = read_run(bag, scene)
-    robot = load_robot(find_config(scene.robot, "robots"))
+    robot = scene.loaded_robot
     if recording.true_state.t.size:
         states, twin = recording.true_state, scene.twin_node()
-        arm = discretised(true_robot(robot, twin), twin.model)
+        true = true_robot(robot, twin)  # of a file of its own, at the place of the arm
+        arm = discretised(true.replace(**scene.place) if scene.place else true, twin.model)
     else:
         states, arm = recording.estimated_state, discretised(robot, scene.discretisation)
     known = (states, recording.reading, recording.command)
@@ -133,10 +134,13 @@ class AnimatedFigure:
         body = shown.poses[..., :3, 3].reshape(-1, 3)
         self._floor = float(body[:, 2].min()) - 0.02 * radius
         seen = self._camera.project(np.concatenate([body, self._fallen(body), self._wanted]))
+        self._planes: tuple[Plane, ...] = ()
         if shown.scene.arm == "simulated":
-            plant = described_plant(shown.robot, shown.scene.twin_node())
-            seen_walls = [self._camera.project(corners)[:, :2] for corners in walls(plant, body)]
-            axis.add_collection(PolyCollection(seen_walls, facecolors="#e8dcc4", edgecolors="#a08c63"))
+            contacts = described_plant(shown.robot, shown.scene.twin_node()).contacts
+            self._planes = contacts.planes if contacts else ()
+        self._body = body
+        self._walls = PolyCollection([], facecolors="#e8dcc4", edgecolors="#a08c63")
+        axis.add_collection(self._walls)
         low, high = seen[:, :2].min(axis=0) - 1.1 * radius, seen[:, :2].max(axis=0) + 2.2 * radius
         axis.set_aspect("equal")
         axis.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))
@@ -153,6 +157,10 @@ class AnimatedFigure:
 
     def _draw_arm(self, k: int) -> None:
         shown = self._take
+        planes, wall = self._planes, shown.scene.twin.wall
+        if shown.scene.arm == "simulated" and wall.stiffness:
+            planes = (*planes, with_changes(wall.plane, point=tuple(wall.at(shown.t[k])[0])))
+        self._walls.set_verts([self._camera.project(one)[:, :2] for one in walls(planes, self._body)])
         names = shown.recording.reading.names
         part = np.clip(shown.pressure[k] / shown.most_pa, 0.0, 1.0)
         payload_kg = shown.payload_kg(k)

@@ -1,6 +1,7 @@
 """A process that has imported what the nodes of a run need, and forks them, so that they start at once.
 
-It has no thread and never joins ROS, so that a fork of it is a clean process. The program that has started it
+It never joins ROS, and no thread of it works, so that a fork of it is a clean process: the import of rclpy
+starts those that wait for a tracer (LTTng), which a fork is without. The program that has started it
 becomes the parent of all that it forks (as their nearest subreaper), so it waits for them, and they end with
 it, as with processes that it had started itself (ADR 0071).
 """
@@ -20,6 +21,8 @@ import sys
 import threading
 import time
 import traceback
+import warnings
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
 
@@ -36,7 +39,7 @@ MODULES = (
 )
 
 
-class Request(NamedTuple):
+class ForkRequest(NamedTuple):
     """A process to fork.
 
     Attributes
@@ -71,12 +74,17 @@ def prepare(parent: int, priority: int = 0) -> None:
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
 
 
-def adopt(wanted: bool) -> None:
-    """Become the parent of what those below fork and leave, or not any more."""
-    _PRCTL(_PR_SET_CHILD_SUBREAPER, int(wanted))
+@contextlib.contextmanager
+def adopting() -> Iterator[None]:
+    """Be the parent of what those below fork and leave; not longer: other orphans are not waited for."""
+    _PRCTL(_PR_SET_CHILD_SUBREAPER, 1)
+    try:
+        yield
+    finally:
+        _PRCTL(_PR_SET_CHILD_SUBREAPER, 0)
 
 
-def serve(asked: socket.socket, parent: int) -> Request | None:
+def serve(asked: socket.socket, parent: int) -> ForkRequest | None:
     """Fork a process for each request; returns in each of them, and at the end of the program that asks.
 
     Parameters
@@ -88,33 +96,38 @@ def serve(asked: socket.socket, parent: int) -> Request | None:
 
     Returns
     -------
-    Request or None
+    ForkRequest or None
         What the forked process is to do; None at the end of the server.
     """
+    # Python 3.12 warns of the threads that wait for a tracer.
+    warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
     gc.collect()
     gc.freeze()  # what is shared stays shared
-    while True:
-        message, descriptors, _, _ = socket.recv_fds(asked, _LONGEST, 2)
-        if not message:
-            return None
-        if message.startswith(WARM):
-            warm(message.removeprefix(WARM).decode())
-            asked.send(b"warm")
-            continue
-        between = os.fork()
-        if between == 0:
-            between = os.getpid()
-            if os.fork() > 0:
-                os._exit(0)  # the parent adopts the other one
-            return _begin(Request(**json.loads(message)), asked, descriptors, parent, between)
-        os.waitpid(between, 0)
-        for descriptor in descriptors:
-            os.close(descriptor)
+    with contextlib.suppress(ConnectionError):  # the program that asks has ended
+        asked.send(b"ready")
+        while True:
+            message, descriptors, _, _ = socket.recv_fds(asked, _LONGEST, 2)
+            if not message:
+                return None
+            if message.startswith(WARM):
+                warm(message.removeprefix(WARM).decode())
+                asked.send(b"warm")
+                continue
+            between = os.fork()
+            if between == 0:
+                between = os.getpid()
+                if os.fork() > 0:
+                    os._exit(0)  # the parent adopts the other one
+                return _begin(ForkRequest(**json.loads(message)), asked, descriptors, parent, between)
+            os.waitpid(between, 0)
+            for descriptor in descriptors:
+                os.close(descriptor)
+    return None
 
 
 def _begin(
-    request: Request, asked: socket.socket, descriptors: list[int], parent: int, between: int
-) -> Request:
+    request: ForkRequest, asked: socket.socket, descriptors: list[int], parent: int, between: int
+) -> ForkRequest:
     """Make a forked process what a started one would be."""
     os.setsid()
     while os.getppid() == between:
@@ -151,17 +164,16 @@ def warm(file: str) -> None:
     from soro_lab.scene.loop import loop_of
 
     with contextlib.suppress(Exception), compiling_once():
-        scene = load_scene(file)
-        twin = Twin(
-            scene.loaded_robot, with_changes(scene.twin_node(), pressures="regulators", plant_link="")
-        )
-        for _ in loop_of(scene).run(twin, 3, twin.dt, before_s=-twin.dt):
-            pass
+        for scene in load_scene(file).each:
+            config = with_changes(scene.twin_node(), pressures="regulators", plant_link="", plant_chambers=())
+            twin = Twin(scene.loaded_robot, config)
+            for _ in loop_of(scene).run(twin, 3, twin.dt, before_s=-twin.dt):
+                pass
     gc.collect()
     gc.freeze()
 
 
-def run(request: Request) -> NoReturn:
+def run(request: ForkRequest) -> NoReturn:
     """Run what a process was forked for, and end it, as `multiprocessing` ends its forks.
 
     To take down what it shares with the server, object by object, would copy all of it.
@@ -191,7 +203,6 @@ def main() -> None:
     asked = socket.socket(fileno=int(sys.argv[1]))
     for module in MODULES:
         importlib.import_module(module)
-    asked.send(b"ready")
     if request := serve(asked, parent):
         run(request)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import socket
@@ -11,7 +12,7 @@ from pathlib import Path
 from soro_core.errors import SoroError
 from soro_ros.host import pulse
 from soro_ros.run import fork_server, processes
-from soro_ros.run.fork_server import Request
+from soro_ros.run.fork_server import ForkRequest
 from soro_ros.run.processes import Child, ForkedProcess
 
 # Longest wait for a fork [s]: a server that is ready answers at once.
@@ -30,7 +31,6 @@ class ForkServer:
     """
 
     def __init__(self, folder: Path) -> None:
-        fork_server.adopt(True)
         self._child: Child | None = None
         if given := os.environ.pop(VARIABLE, ""):
             self._socket = socket.socket(fileno=int(given))
@@ -50,11 +50,16 @@ class ForkServer:
         if self._child is not None:
             self._child.process.terminate()  # it may compile
             self._child.process.wait()
-        fork_server.adopt(False)
 
     def warm(self, scene_file: Path) -> None:
-        """Load the kernels of a scene; `has_answered` then."""
-        self._socket.send(fork_server.WARM + str(scene_file.resolve()).encode())
+        """Have it load the kernels of a scene, or compile them; it `has_answered` then.
+
+        Parameters
+        ----------
+        scene_file : Path
+        """
+        with contextlib.suppress(ConnectionError):  # `has_answered` says why
+            self._socket.send(fork_server.WARM + str(scene_file.resolve()).encode())
 
     def has_answered(self) -> bool:
         """Whether it has done what it was asked for last, first its imports.
@@ -69,22 +74,35 @@ class ForkServer:
     def start(
         self, name: str, command: list[str], folder: Path, priority: int = 0, pipe: int | None = None
     ) -> Child:
-        """Start a process as `processes.start` does; its command is ``python -m MODULE ...``.
+        """Start a process as `processes.start` does.
+
+        Parameters
+        ----------
+        name : str
+            Name of the process.
+        command : list of str
+            Its command line, ``python -m MODULE ...``.
+        folder : Path
+            Folder of the run.
+        priority : int
+            Above 0: priority of the scheduler SCHED_FIFO.
+        pipe : int, optional
+            Pipe of `pulse.Pulse`, for a process that listens to this one.
 
         Raises
         ------
         SoroError
             If the server has ended, or does not answer.
         """
-        request = Request(command[2], command[3:], priority, "" if pipe is None else pulse.VARIABLE)
-        with processes.log_of(name, folder).open("wb") as sink:
-            passed = [sink.fileno(), *([] if pipe is None else [pipe])]
-            socket.send_fds(self._socket, [json.dumps(request._asdict()).encode()], passed)
+        request = ForkRequest(command[2], command[3:], priority, "" if pipe is None else pulse.VARIABLE)
+        sink = processes.log_of(name, folder).open("wb")
         self._socket.settimeout(FORK_LIMIT_S)
-        try:
+        with sink, fork_server.adopting():
+            passed = [sink.fileno(), *([] if pipe is None else [pipe])]
+            with contextlib.suppress(ConnectionError):  # the answer says why
+                socket.send_fds(self._socket, [json.dumps(request._asdict()).encode()], passed)
             pid = int(self._answer())
-        finally:
-            self._socket.setblocking(False)
+        self._socket.setblocking(False)
         return Child(name, ForkedProcess(pid), processes.log_of(name, folder))
 
     def _answer(self) -> bytes:
@@ -93,6 +111,8 @@ class ForkServer:
             answer = self._socket.recv(100)
         except BlockingIOError:
             return b""
+        except ConnectionError:
+            answer = b""
         except TimeoutError:
             raise SoroError(f"the fork server does not answer for {FORK_LIMIT_S:g} s") from None
         if not answer:

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nav_msgs.msg import Path
-from rcl_interfaces.srv import SetParameters
+from rcl_interfaces.msg import Parameter as Message
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.parameter import Parameter
 
 from soro_core.errors import ConfigError
 from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
+from soro_ros.conversion.force import wrench
 from soro_ros.host.services import ServiceCaller
 from soro_ros.topics.motion_job import LOST, MOVING, PLANNING, REACHED, REFUSED, STATUS, WRENCH
 from soro_ros.topics.motion_topic import TOPIC
@@ -70,22 +73,50 @@ class Mover:
         node.create_subscription(DiagnosticStatus, f"{names}/{STATUS}", self._reports.append, qos.RELIABLE)
         node.create_subscription(PoseStamped, f"{names}/{_DESIRED}", self._on_desired, qos.SENSOR)
 
-    def configure(self, parameters: Mapping[str, float]) -> None:
-        """Set parameters of the controller.
+    @contextlib.contextmanager
+    def configured(
+        self, given: Mapping[str, float | bool | None], once: Container[str] = ()
+    ) -> Iterator[None]:
+        """Set parameters of the controller for a motion; those of a refused one are taken back.
+
+        Parameters
+        ----------
+        given : mapping
+            Values by name; None leaves one as it is.
+        once : container of str
+            Names of those that are taken back in any case.
 
         Raises
         ------
         ConfigError
-            If it refuses one.
+            If the controller refuses one; it then takes none.
         """
+        wanted = {key: Parameter(key, value=value) for key, value in given.items() if value is not None}
+        if not wanted:
+            yield
+            return
+        request = GetParameters.Request(names=list(wanted))
+        before = self._call("get_parameters", GetParameters, request).values
+        self._set([value.to_parameter_msg() for value in wanted.values()])
+        try:
+            yield
+        finally:
+            olds = zip(wanted, before, strict=True)
+            back = [(key, old) for key, old in olds if key in once or self.ended == REFUSED]
+            self._set([Message(name=key, value=old) for key, old in back])
+
+    def _set(self, parameters: list[Message]) -> None:
         if not parameters:
             return
-        wanted = [Parameter(key, value=value).to_parameter_msg() for key, value in parameters.items()]
-        request = SetParameters.Request(parameters=wanted)
-        answer = self._caller.call(self._controller, "set_parameters", SetParameters, request, self._limit_s)
-        for (key, value), result in zip(parameters.items(), answer.results, strict=True):
-            if not result.successful:
-                raise ConfigError(self._controller, key, value, result.reason)
+        request = SetParametersAtomically.Request(parameters=parameters)
+        result = self._call("set_parameters_atomically", SetParametersAtomically, request).result
+        if not result.successful:
+            keys = ", ".join(parameter.name for parameter in parameters)
+            values = ", ".join(str(Parameter.from_parameter_msg(one).value) for one in parameters)
+            raise ConfigError(self._controller, keys, values, result.reason)
+
+    def _call(self, service: str, kind: Any, request: Any) -> Any:
+        return self._caller.call(self._controller, service, kind, request, self._limit_s)
 
     def start(self) -> np.ndarray:
         """Return where the tip is wanted now (3,) [m].
@@ -174,24 +205,27 @@ class Presser(Mover):
     kind = WrenchStamped
 
     def press(self, force_n: np.ndarray, hold_s: float) -> int:
-        """Press with a force (3,) [N], hold it for a time [s] and let go; return the exit status 0, 1 or 2.
+        """Press with a force (3,) [N], hold it for a time [s] and release; return the exit status 0, 1 or 2.
 
-        A press that is lost, or interrupted by Ctrl-C, lets go; one that is replaced is another program's.
+        A press that is lost, or interrupted by Ctrl-C, releases; one that is replaced is another program's.
         """
         try:
-            status = self.send(_wrench(force_n)) or self._hold(hold_s)
+            status = self.send(self._wrench(force_n)) or self._hold(hold_s)
         except KeyboardInterrupt:
-            self._let_go()
+            self._release()
             raise
         if status == 0:
-            return self.send(_wrench(np.zeros(3)))
+            return self.send(self._wrench(np.zeros(3)))
         if self.ended == LOST:
-            self._let_go()
+            self._release()
         return status
 
-    def _let_go(self) -> None:
-        """Ask to let go, and give the message time to arrive."""
-        self._publish(_wrench(np.zeros(3)))
+    def _wrench(self, force_n: np.ndarray) -> WrenchStamped:
+        return wrench(force_n, 0, self._world)
+
+    def _release(self) -> None:
+        """Ask to release, and give the message time to arrive."""
+        self._publish(self._wrench(np.zeros(3)))
         until = time.monotonic() + _ARRIVES_S
         while time.monotonic() < until and not any(True for _ in self._heard()):
             self._caller.spin(_POLL_S)
@@ -210,13 +244,6 @@ class Presser(Mover):
                 self._say(f"lost: {vented}")
                 return 1
         return 0
-
-
-def _wrench(force_n: np.ndarray) -> WrenchStamped:
-    message = WrenchStamped()
-    force = message.wrench.force
-    force.x, force.y, force.z = (float(x) for x in force_n)
-    return message
 
 
 def _line(state: str, text: str, values: Mapping[str, str]) -> str:

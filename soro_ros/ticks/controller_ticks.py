@@ -22,6 +22,7 @@ from soro_core.control.probing.stamps import StampedPosition
 from soro_core.control.reference_feasibility import check_reach
 from soro_core.control.retune import retune
 from soro_core.errors import ConfigError, SoroError
+from soro_core.planning.motion_error import MotionError
 from soro_core.robot import load_robot
 from soro_core.safety import narrowed
 from soro_hardware import load_platform
@@ -133,11 +134,11 @@ class ControllerTicks:
         begin = replace(self.state, probe=None)
         state, _ = self.controller.step(begin, q, q, 0.0, dt, none)
         for k, message in enumerate(references.trajectories_at_rest(self._coordinates), start=1):
-            reference = references.trajectory(self.controller, state, message, 0.0)
+            reference = _unless_refused(references.trajectory, self.controller, state, message, 0.0)
             state, _ = self.controller.step(state, q, q, k * dt, dt, none, reference)
         pose = messages.pose_stamped(arm.pose(q, self.controller.robot.length), 0, self._world)
         certain = Certainty(1e-12 * np.eye(2 * arm.n_q), positions=True)  # the learner takes this sample
-        reference = references.tip(self.controller, begin, pose, self._world)
+        reference = _unless_refused(references.tip, self.controller, begin, pose, self._world)
         state, _ = self.controller.step(state, q, q, 4 * dt, dt, none, reference, certain)
         self.motions.warm_up(state, q)
 
@@ -353,3 +354,11 @@ class ControllerTicks:
 
     def _say(self) -> None:
         self._ports.report("; ".join(text for text in (self._failure, self._refused) if text))
+
+
+def _unless_refused(make: Callable[..., Reference], *given: object) -> Reference | None:
+    """Return a reference; None where the arm of the warm-up, which is nowhere yet, touches an obstacle."""
+    try:
+        return make(*given)
+    except MotionError:
+        return None

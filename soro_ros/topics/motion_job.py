@@ -110,7 +110,7 @@ class PressJob(Job):
             return LOST, "no estimate of the force: is the tip measured?"
         part = min(max(t - self.mean_s, 0.0) / _MEAN_S, 1.0)
         self.mean_s = t
-        self.pressed_n += part * (press.pressed_n(loop.felt) - self.pressed_n)
+        self.pressed_n += part * (loop.pressed_n - self.pressed_n)
         if loop.phase == "stopped":
             return LOST, loop.note
         allowed = max(_REACHED_PART * press.force_n, _REACHED_N)
@@ -192,6 +192,7 @@ class MotionReports:
         """
         found, text = job.judge(state, t)
         if found != job.state:
+            job.note = text
             self.end(job, found, text, t)
         elif job.is_under_way and t >= job.reported_s + _REPORT_S:
             self.report(job, text, t)

@@ -19,16 +19,17 @@ from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerState, Reference
 from soro_core.control.force.press import Press
 from soro_core.control.motion_config import MotionConfig
-from soro_core.control.motions.motion import finished
 from soro_core.control.motions.motion_parts import PiecewiseMotion
-from soro_core.control.motions.path_coordinates import Planning
+from soro_core.control.motions.way_around import route_around
 from soro_core.control.reference.active_reference import STREAM_S, ActiveReference, at_rest, reference_ahead
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError, SoroError
+from soro_core.planning.steps import Planning, finished
 from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.references import poses_in_world
 from soro_ros.topics.motion_job import (
+    LOST,
     MOVING,
     PLANNING,
     REACHED,
@@ -121,7 +122,10 @@ class MotionTopic:
         arm, begin = self._controller.arm, Point(*np.zeros((3, len(q))))
         tips = np.array([arm.pose(x, arm.length)[:3, 3] for x in (begin.q, q)])
         with contextlib.suppress(SoroError):  # an arm that cannot move like this has done the same work
-            finished(self._controller.planner(state, self._period_s).plan(begin, tips, None, 0.0))
+            planner = self._controller.planner(state, self._period_s)
+            finished(planner.plan(begin, tips, None, 0.0))
+            if self._controller.obstacles is not None:
+                finished(route_around(planner, begin.q, tips[1]))
 
     def cancel(self, state: str, text: str) -> None:
         """End the motion, if there is one, because of something else."""
@@ -151,8 +155,11 @@ class MotionTopic:
         following = None if state is None else state.following
         goal, job = self._tip(reference, reference.end_s), self._job
         if job is not None and job.topic == topic:
-            if job.state in (MOVING, REACHED) and following and following.wanted.is_repeated_by(reference, t):
-                job.stamp_ns = stamp_ns
+            # A press that is lost begins anew by a request of its own, and not by the next of one stream.
+            is_told = isinstance(job, PressJob) and job.state == LOST and t - job.given_s <= STREAM_S
+            is_repeated = following is not None and following.wanted.is_repeated_by(reference, t)
+            if is_repeated and (is_told or job.state in (MOVING, REACHED)):
+                job.stamp_ns, job.given_s = stamp_ns, t
                 self._reports.report(job, job.note)
                 return
             if job.state == MOVING and t - job.given_s <= STREAM_S and not isinstance(job, PressJob):
@@ -239,7 +246,10 @@ class MotionTopic:
         planner = controller.planner(state, self._period_s)
         planner = replace(planner, config=with_changes(planner.config, motion=config))
         near = reference_ahead(controller.bounds, following, 0.0).q
-        route = yield from planner.route(near, positions, orientations)
+        if config.around and len(positions) == 1:
+            route = yield from route_around(planner, near, positions[0])
+        else:
+            route = yield from planner.route(near, positions, orientations)
         ahead_s = _AHEAD_S
         while True:
             _, t, following = self._reached()

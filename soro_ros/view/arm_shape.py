@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from math import cos, isnan, pi, radians, sin
 
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.robot import Robot
+from soro_core.robot import Plane, Robot
 from soro_core.robot.basis import radius_profile, taper_at
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
@@ -112,19 +113,18 @@ def chambers(robot: Robot) -> list[Bellow]:
     return found
 
 
-def walls(robot: Robot, body: Array) -> list[Array]:
+def walls(planes: Iterable[Plane], body: Array) -> list[Array]:
     """Return the corners (4, 3) of a square on each plane that an arm can touch, as large as the arm.
 
     Parameters
     ----------
-    robot : Robot
-        The arm with its contacts.
+    planes : iterable of Plane
     body : ndarray (n, 3)
         Points on its backbone [m].
     """
     middle, half = 0.5 * (body.min(axis=0) + body.max(axis=0)), 0.5 * np.ptp(body, axis=0).max()
     found = []
-    for plane in robot.contacts.planes if robot.contacts else ():
+    for plane in planes:
         normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
         centre = middle - normal * (normal @ (middle - np.array(plane.point)))
         # The first direction in the plane is level, unless all of them are.

@@ -30,6 +30,7 @@ from soro_hardware.testing.hub_bus import HubBus
 from soro_hardware.transport.frame import Frame
 from soro_hardware.transport.link import from_message, to_message
 from tests.patience import LIMIT_S
+from tests.warm import Popen
 
 PERIOD_NS = 5_000_000
 TRANSCRIPTS = Path(__file__).parent / "transcripts"
@@ -222,7 +223,7 @@ class EmulatorProcess:
         self.device = folder / "adapter"
         self.plant = folder / "plant"
         arguments = ["--device-link", str(self.device), "--plant-link", str(self.plant), *options]
-        self.process = subprocess.Popen(
+        self.process = Popen(
             [sys.executable, "-m", "soro_hardware.emulation", platform, *arguments],
             stdout=subprocess.PIPE,
             text=True,

@@ -25,6 +25,7 @@ from soro_ros.run.supervisor import RunMonitor
 from soro_ros.topics.diagnostics import ERROR
 from tests.patience import LIMIT_S, patient_platform
 from tests.soro_ros.running import end, wait_until
+from tests.warm import Popen
 
 NAMES = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
 PERIOD_S = 5e-3
@@ -119,7 +120,7 @@ class Bench:
 
     def _start(self, command: list[object]) -> subprocess.Popen[str]:
         arguments = [str(part) for part in command]
-        process = subprocess.Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        process = Popen(arguments, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         self.processes.append(process)
         return process
 

@@ -19,7 +19,7 @@ from soro_lab.bag import BagReader
 from soro_ros.conversion import messages, qos
 from soro_ros.host import middleware
 from tests.patience import LIMIT_S
-from tests.soro_ros.warm import Popen
+from tests.warm import Popen
 
 SORO = [sys.executable, "-m", "soro_ros.cli"]
 SCENE = "track_circle"

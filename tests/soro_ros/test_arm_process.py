@@ -17,6 +17,7 @@ from soro_ros.run.supervisor import RunMonitor
 from tests.patience import COMPILED_S
 from tests.refused import refused_keys
 from tests.soro_ros.running import ClockListener, end, wait_until
+from tests.warm import Popen
 
 END_S = 0.5
 
@@ -79,7 +80,7 @@ def test_what_one_node_refuses_ends_the_process_in_one_line(node_main, arguments
 def test_a_node_whose_start_fails_stays_and_the_others_say_so(domain):
     command = [sys.executable, "-m", "soro_ros.nodes.arm", "estimator", "twin", "--ros-args"]
     command += ["-r", "__ns:=/one", "-p", "twin:robot:=nobody"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         with RunMonitor("one") as supervisor:
 
@@ -117,7 +118,7 @@ def test_the_loop_runs_in_one_process_and_ends_by_ctrl_c(domain):
     )
     options = [part for one in settings for part in ("-p", one)]
     command = [sys.executable, "-m", "soro_ros.nodes.arm", "--ros-args", "-r", "__ns:=/one", *options]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     clock = ClockListener()
     try:
         clock.wait(END_S, COMPILED_S)

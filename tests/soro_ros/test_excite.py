@@ -22,6 +22,7 @@ from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
 from tests.soro_ros.direct import captured, receive, request, values
 from tests.soro_ros.running import SORO, ClockListener, only_run
+from tests.warm import Popen, completed
 
 NAMES = ["link0/chamber0", "link0/chamber1", "link0/chamber2"]
 # Three chambers, one level: some 7 s of arm time.
@@ -37,7 +38,7 @@ def command(folder, *options):
 
 def excited(folder, *options):
     """Exit status, output and folder of a run."""
-    done = subprocess.run(command(folder, *options), capture_output=True, text=True, timeout=250, check=False)
+    done = completed(command(folder, *options), 250)
     return done.returncode, done.stderr, only_run(folder / "runs")
 
 
@@ -119,7 +120,7 @@ def test_a_trip_of_the_limiter_ends_the_excitation(domain, tmp_path):
 def test_an_interrupt_vents_closes_the_bag_and_is_no_error(domain, tmp_path):
     clock = ClockListener()
     direct = command(tmp_path, "--set", "platform=")
-    process = subprocess.Popen(direct, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = Popen(direct, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         clock.wait(2.0, COMPILED_S)
         process.send_signal(signal.SIGINT)

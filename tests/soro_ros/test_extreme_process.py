@@ -16,6 +16,7 @@ from soro_ros.conversion import messages, qos
 from soro_ros.host import middleware
 from tests.patience import COMPILED_S, LIMIT_S
 from tests.soro_ros.running import end, wait_until
+from tests.warm import Popen
 
 pytestmark = pytest.mark.process
 
@@ -57,7 +58,7 @@ def test_the_nodes_of_an_arm_live_say_so_and_go_on(stranger):
 
     stranger.create_subscription(Clock, "/clock", hear_clock, qos.LOCKSTEP)
     stranger.create_subscription(JointState, "chambers/command", hear_command, qos.LOCKSTEP)
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
     def heard(time_ns):
         rclpy.spin_once(stranger, timeout_sec=0.1)

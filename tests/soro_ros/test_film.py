@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 from soro_core.config import find_config, with_changes
 from soro_core.robot import load_robot
 from soro_core.twin.config import PayloadChanges
+from soro_core.twin.push import Wall
 from soro_lab.scene import load_scene
 from soro_ros.cli import application
 from soro_ros.pictures import film
@@ -50,6 +51,24 @@ def test_a_real_arm_is_drawn_as_it_was_estimated(monkeypatch, shown):
     monkeypatch.setattr(film, "read_run", lambda bag, scene: without)
     estimated = film.take(BAG, scene, 0.5, 1.5, 10.0)
     assert estimated.poses[:, -1, :3, 3] == pytest.approx(without.estimated_tip.at(shown.t), abs=1e-6)
+
+
+def test_the_wall_of_the_scene_is_drawn_where_it_is(shown):
+    at = {"stiffness": 1e3, "point": (0.03, 0.0, 0.0), "normal": (-1.0, 0.0, 0.0)}
+    wall = Wall(**at, velocity_m_s=(-0.01, 0.0, 0.0))
+    scene = with_changes(shown.scene, twin=with_changes(shown.scene.twin, wall=wall))
+    drawn = film.AnimatedFigure(replace(shown, scene=scene))
+
+    def corners(k):
+        drawn.at(k)
+        (path,) = drawn._walls.get_paths()
+        return path.vertices[:4]
+
+    moved = drawn._camera.project(np.array([[-0.01, 0.0, 0.0], [0.0, 0.0, 0.0]]))[:, :2]
+    assert corners(10) - corners(0) == pytest.approx(np.tile(moved[0] - moved[1], (4, 1)), abs=1e-9)
+    still = film.AnimatedFigure(shown)
+    still.at(0)
+    assert not still._walls.get_paths()
 
 
 def test_a_chamber_has_the_colour_of_its_pressure(shown):
@@ -148,8 +167,8 @@ def test_a_wall_is_drawn_on_its_plane(normal):
     plane = {"point": (0.03, 0.01, 0.02), "normal": normal, "stiffness": 100.0}
     robot = load_robot("tue_three_bellow").replace(contacts={"planes": [plane]})
     body = np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.06]])
-    (corners,) = arm_shape.walls(robot, body)
+    (corners,) = arm_shape.walls(robot.contacts.planes, body)
     assert (corners - plane["point"]) @ normal == pytest.approx(0.0, abs=1e-12)
     sides = np.linalg.norm(np.diff(corners, axis=0), axis=1)
     assert sides == pytest.approx(0.06)
-    assert arm_shape.walls(load_robot("tue_three_bellow"), body) == []
+    assert arm_shape.walls((), body) == []

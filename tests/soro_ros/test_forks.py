@@ -1,6 +1,7 @@
 """Processes that a fork server forks for a run are as those that the run starts itself."""
 
 import os
+import select
 import signal
 import subprocess
 import sys
@@ -64,6 +65,22 @@ def test_its_signals_and_its_name_are_its_own(forks, tmp_path):
     assert "killed" in killed.end_report()
 
 
+def test_what_else_loses_its_parent_is_not_adopted(forks, tmp_path):
+    """The second process of a driver that was killed; nobody here would wait for it."""
+    forks.start("child", command("nothing"), tmp_path).process.wait(LIMIT_S)
+    code = "import os; os.fork() and print('forked', flush=True); os.read(0, 1); print(os.getppid())"
+    ours, theirs = os.pipe()
+    parent = subprocess.Popen([sys.executable, "-c", code], stdin=ours, stdout=subprocess.PIPE, text=True)
+    assert parent.stdout.readline() == "forked\n"
+    parent.kill()
+    parent.wait()
+    os.write(theirs, b"x")
+    assert int(parent.stdout.readline()) not in (os.getpid(), parent.pid)
+    parent.stdout.close()
+    os.close(ours)
+    os.close(theirs)
+
+
 def test_only_who_listens_has_the_pipe(forks, tmp_path):
     ours, theirs = os.pipe()
     child = forks.start("child", command("read"), tmp_path, pipe=ours)
@@ -101,6 +118,14 @@ def test_all_end_with_the_program_that_runs_the_arm(tmp_path):
     wait_until(lambda: not any(map(alive, pids)), "their end")
 
 
+def test_a_program_that_ends_at_once_leaves_no_word_of_its_server(tmp_path):
+    server = ForkServer(tmp_path)
+    wait_until(lambda: select.select([server._socket], [], [], 0.1)[0], "its imports")
+    server._socket.close()  # without having read the answer
+    assert server._child.process.wait(LIMIT_S) == 0
+    assert server._child.log.read_text() == ""
+
+
 def test_a_server_that_has_ended_is_one_line(tmp_path):
     with ForkServer(tmp_path) as server:
         wait_until(server.has_answered, "its imports")
@@ -108,6 +133,9 @@ def test_a_server_that_has_ended_is_one_line(tmp_path):
         server._child.process.kill()
         with pytest.raises(SoroError, match=r"^fork_server ended with status -9: killed"):
             wait_until(server.has_answered, "its end")
+        server.warm(tmp_path)
+        with pytest.raises(SoroError, match=r"^fork_server ended with status -9: killed"):
+            server.start("late", command("nothing"), tmp_path)
         assert child.process.poll() is None or child.process.returncode in (7, -signal.SIGTERM)
         child.process.send_signal(signal.SIGKILL)
         child.process.wait(LIMIT_S)

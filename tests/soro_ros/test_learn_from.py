@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-
 import pytest
 
 from soro_core.adaptation.kept import FILE, load_kept
@@ -12,6 +10,7 @@ from soro_lab.bag import BagReader
 from soro_ros.recordings.recording import recorded
 from tests.patience import COMPILED_S
 from tests.soro_ros.running import SORO, only_run, run, summary
+from tests.warm import completed
 
 pytestmark = pytest.mark.process
 
@@ -22,13 +21,7 @@ def again(folder, source, *changes):
     """Start from what `source` kept; returns exit status and lines on stderr."""
     options = [word for change in (*BRIEF, *changes) for word in ("--set", change)]
     command = [*SORO, "run", "track_circle", "--no-figure", "--folder", str(folder), *options]
-    end = subprocess.run(
-        [*command, "--learn-from", str(source)],
-        capture_output=True,
-        text=True,
-        timeout=2 * COMPILED_S,
-        check=False,
-    )
+    end = completed([*command, "--learn-from", str(source)], 2 * COMPILED_S)
     return end.returncode, end.stderr.strip().splitlines()
 
 
@@ -65,7 +58,7 @@ def test_the_second_run_starts_from_what_the_first_one_kept(domain, first, tmp_p
 @pytest.mark.parametrize(
     ("old", "new", "changes", "names"),
     [
-        ("version: 2", "version: 1", (), (FILE, "version", "1")),
+        ("version: 3", "version: 2", (), (FILE, "version", "2", "learn again")),
         ("digest: sha256:", "digest: sha256:0", (), (FILE, "digest", "robot file")),
         ("", "", ("robot=three_bellow_hanging",), (FILE, "robot", "three_bellow_hanging")),
         ("chamber1/gain: [", "chamber1/gain: [2", (), (FILE, "link0/chamber1/gain", "-0.7 to 1")),

@@ -49,13 +49,17 @@ def test_messages_carry_stamp_and_values_to_the_bit(stamp_ns):
     assert (found.own.tobytes(), found.doubt.tobytes()) == (whole.own.tobytes(), whole.doubt.tobytes())
     assert found.doubt.shape == (3, 3)
     for stage, mass_free in (("free", True), ("outside force", True), ("contact", False)):
-        pushed = ExternalForce(np.array([0.1, 0.0, -0.02]), np.diag([1e-6, 2e-6, 5e-3]), stage, mass_free)
+        force, covariance = np.array([0.1, 0.0, -0.02]), np.diag([1e-6, 2e-6, 5e-3])
+        pushed = ExternalForce(force, covariance, stage, mass_free, None if mass_free else 0.1 * force)
         there = learning.covariance(Certainty(P, True, pushed), stamp_ns)
         found = learning.certainty_of(there, 3).external
         assert (found.stage, found.mass_free) == (stage, mass_free)
         assert found.force_n.tobytes() == pushed.force_n.tobytes()
         assert found.covariance.tobytes() == pushed.covariance.tobytes()
-    there.effort[4] = math.nan
+        assert (found.tip is None) if mass_free else found.tip.tobytes() == pushed.tip.tobytes()
+    there.velocity[0] = math.nan
+    assert learning.certainty_of(there, 3) is None
+    there.velocity[0], there.effort[4] = 0.0, math.nan
     assert learning.certainty_of(there, 3) is None
     assert learning.learned_of(learning.learned(None, stamp_ns)) is None
     assert learning.certainty_of(learning.covariance(None, stamp_ns), 3) is None

@@ -1,6 +1,7 @@
 """Paths on the topic of a controller in the test's own process, and what it reports of them."""
 
 import contextlib
+import re
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -10,11 +11,13 @@ import rclpy
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 
+from soro_core import equilibrium, save_robot
 from soro_core.rotation import quaternion_from_matrix, rotation_exp
 from soro_ros.conversion import messages
 from soro_ros.host import middleware
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.topics.diagnostics import WARN
+from tests.soro_core.planning.test_around import ARM, END, IN_THE_WAY, START, TWO, least_clearance, tip
 from tests.soro_ros.direct import captured, receive, request
 
 NAMES = ["link0/elongation", "link0/bending_x", "link0/bending_y"]
@@ -25,18 +28,25 @@ TURNED = [float(x) for x in quaternion_from_matrix(rotation_exp(np.array([0.0, 0
 class Ticked:
     """A controller whose arm follows its reference exactly, tick by tick, and its reports."""
 
-    def __init__(self, node: ControllerNode, start_s: float) -> None:
+    def __init__(self, node: ControllerNode, start_s: float, rest: np.ndarray | None) -> None:
         self.node, self.t_s = node, start_s
         self.reports = captured(node, "arm/motion")
         self.follows = True
+        robot = node.controller.robot
+        self.names, self.chambers = robot.coordinate_names, robot.chamber_names
+        self.rest = np.zeros(robot.n_q) if rest is None else rest
 
     def tick(self, times: int = 1) -> None:
         for _ in range(times):
             self.t_s += 5e-3
             stamp_ns, point = round(self.t_s * 1e9), self.node.state.point
-            q = point.q if self.follows and point is not None else np.zeros(3)
-            receive(self.node, "chambers/state", messages.chambers(CHAMBERS, np.zeros(3), stamp_ns))
-            state = messages.arm_state(NAMES, q, np.zeros(3), np.zeros(3), stamp_ns)
+            q = point.q if self.follows and point is not None else self.rest
+            receive(
+                self.node,
+                "chambers/state",
+                messages.chambers(self.chambers, np.zeros(len(self.chambers)), stamp_ns),
+            )
+            state = messages.arm_state(self.names, q, 0.0 * q, np.zeros(3), stamp_ns)
             receive(self.node, "arm/state", state)
 
     def send(self, *positions, frame="world", stamp_s=1.0, quaternion=(0.0, 0.0, 0.0, 1.0)) -> None:
@@ -62,11 +72,14 @@ class Ticked:
     @property
     def wanted(self) -> np.ndarray:
         """Where the tip is wanted."""
-        return self.node.controller.arm.pose(self.node.state.point.q, 0.064)[:3, 3]
+        arm = self.node.controller.arm
+        return arm.pose(self.node.state.point.q, arm.length)[:3, 3]
 
 
 @contextlib.contextmanager
-def controller(*settings: str, enabled: bool = True, mode: str = "lockstep") -> Iterator[Ticked]:
+def controller(
+    *settings: str, enabled: bool = True, mode: str = "lockstep", rest: np.ndarray | None = None
+) -> Iterator[Ticked]:
     given = (f"mode:={mode}", "control.reference.kind:=hold", "control.reference.start_s:=0.1", *settings)
     middleware.init(["--ros-args", *(part for setting in given for part in ("-p", setting))])
     try:
@@ -74,7 +87,7 @@ def controller(*settings: str, enabled: bool = True, mode: str = "lockstep") -> 
         node.trigger_configure()
         assert node.failure is None
         node.trigger_activate()
-        ticked = Ticked(node, 1.0)
+        ticked = Ticked(node, 1.0, rest)
         if mode != "lockstep":  # the node refuses stamps that are old or ahead: its time is that of the ticks
             ports = node._ticks._ports
             node._ticks._ports = replace(ports, now_ns=lambda: round(ticked.t_s * 1e9))
@@ -198,3 +211,27 @@ def _at(x: float, z: float) -> np.ndarray:
     pose = np.eye(4)
     pose[:3, 3] = x, 0.0, z
     return pose
+
+
+def test_a_point_behind_an_obstacle_is_reached_around_it_if_that_is_asked_for(alone, tmp_path):
+    robot = TWO.replace(contacts=IN_THE_WAY.model_dump())
+    save_robot(robot, tmp_path / "two.yaml")
+    goal = tip(END)
+    with controller(f"robot:={tmp_path / 'two.yaml'}", rest=equilibrium(ARM, START)) as it:
+        it.send(goal)
+        it.until("refused")
+        it.node.set_parameters([rclpy.Parameter("control.motion.around", value=True)])
+        it.send(goal, stamp_s=2.0)
+        rows = []
+        while it.reports[-1].name in ("planning", "moving", "refused"):
+            assert len(rows) < 6000, it.reports[-1]
+            it.tick()
+            rows.append(it.node.state.point.q)
+        assert it.states == ["planning", "refused", "planning", "moving", "reached"]
+        assert it.wanted == pytest.approx(goal, abs=2e-4)
+        assert least_clearance(np.array(rows[::5]), IN_THE_WAY) > 1.8e-3
+
+        inside = np.array(IN_THE_WAY.spheres[0].centre)
+        it.send(inside, stamp_s=3.0)
+        assert re.search(r"with the tip at .*|contacts\.spheres\[0\]", it.until("refused"))
+        assert it.wanted == pytest.approx(goal, abs=2e-4)

@@ -93,8 +93,9 @@ class Noted:
         self.parameters, self.path = None, None
         MADE.append(self)
 
-    def configure(self, parameters):
-        self.parameters = dict(parameters)
+    def configured(self, given):
+        self.parameters = {key: value for key, value in given.items() if value is not None}
+        return contextlib.nullcontext()
 
     def start(self):
         return np.array([0.001, 0.002, 0.066])
@@ -131,6 +132,11 @@ def test_lines_splines_and_points_begin_where_the_tip_is_wanted(asked):
     assert one.parameters == {}
     _, one = asked("to", "0", "-1", "66")
     assert one.path == pytest.approx(np.array([[0, -1, 66]]))
+    assert one.parameters == {}
+    _, one = asked("to", "0", "-1", "66", "--around", "--margin", "3mm")
+    assert one.parameters == {"control.motion.around": True, "control.motion.margin_m": 0.003}
+    _, one = asked("to", "0", "-1", "66", "--straight")
+    assert one.parameters == {"control.motion.around": False}
     _, one = asked("arc", "6", "7", "66", "11", "2", "66")
     assert one.path[[0, -1]] == pytest.approx(np.array([[1, 2, 66], [11, 2, 66]]))
     assert np.linalg.norm(one.path - [6, 2, 66], axis=1) == pytest.approx(np.full(len(one.path), 5.0))
@@ -143,3 +149,8 @@ def test_points_that_are_too_few_or_too_many_are_wrong_use(soro, arguments):
     ended = soro("move", *arguments)
     assert ended.status == 2
     assert "X Y Z" in ended.err
+
+
+def test_only_a_single_point_is_gone_to_around_obstacles(soro):
+    with refused("--around", names=("to: the other kinds",)):
+        move.move(move.MotionType.LINE, ["1", "2", "3"], around=True)

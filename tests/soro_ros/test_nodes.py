@@ -49,6 +49,7 @@ from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
 from tests.soro_ros.direct import active, fire, receive, request, values
 from tests.soro_ros.running import SORO, end, wait_until
+from tests.warm import Popen
 
 COORDINATES = ("link0/elongation", "link0/bending_x", "link0/bending_y")
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
@@ -59,7 +60,7 @@ CYCLE_S = 5e-3
 def start(name: str, *settings: str) -> subprocess.Popen[str]:
     options = [option for setting in settings for option in ("-p", setting)]
     command = [sys.executable, "-m", f"soro_ros.nodes.{name}", "--ros-args", "-r", "__ns:=/alone", *options]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 @pytest.mark.process
@@ -272,7 +273,7 @@ def test_a_node_lives_through_its_lifecycle_twice(domain, tmp_path, name):
     if name == "regulator":
         device, platform = tmp_path / "valves.pty", patient_platform(tmp_path)
         command = [*SORO, "emulate", str(platform), "--device-link", str(device)]
-        valves = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        valves = Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         wait_until(device.exists, "emulated valves")
         settings += [f"device:={device}", f"platform:={platform}"]
     if name == "recorder":

@@ -23,6 +23,7 @@ from soro_ros.host import middleware
 from soro_ros.recordings.replay import replay
 from tests.patience import LIMIT_S
 from tests.soro_ros.running import wait_until
+from tests.warm import Popen
 
 FOLDER = Path(__file__).parents[2] / "bags" / "two_links"
 OLD = "std_msgs/msg/Float64MultiArray"
@@ -79,7 +80,7 @@ def test_it_is_played_to_nodes_of_today(before, domain):
         settings = (f"bag:={bag}", "rate:=0.0", "wait_for_subscribers:=true", f"topics:={list(today)}")
         options = [part for one in settings for part in ("-p", one)]
         command = [sys.executable, "-m", "soro_ros.nodes.player", "--ros-args", *options]
-        player = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        player = Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
 
         def complete():
             rclpy.spin_once(node, timeout_sec=0.1)

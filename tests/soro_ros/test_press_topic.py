@@ -17,7 +17,7 @@ from tests.soro_ros.test_motion_topic import CHAMBERS, NAMES, Ticked, controller
 class Wall(Ticked):
     """An arm whose tip follows its reference up to a wall, and presses on it with the controller's push."""
 
-    wall_m, felt_n, drift_n = 0.002, 0.0, 0.0
+    wall_m, felt_n, drift_n, is_blind = 0.002, 0.0, 0.0, False
 
     def tick(self, times=1):
         arm = self.node.controller.arm
@@ -30,7 +30,7 @@ class Wall(Ticked):
             self.felt_n += 0.05 * (pressed - self.felt_n)
             receive(self.node, "chambers/state", messages.chambers(CHAMBERS, np.zeros(3), stamp_ns))
             force = ExternalForce(np.array([-self.felt_n - self.drift_n, 0.0, 0.0]), 1e-8 * np.eye(3))
-            certain = Certainty(1e-8 * np.eye(6), True, None if self.drift_n is None else force)
+            certain = Certainty(1e-8 * np.eye(6), True, None if self.is_blind else force)
             receive(self.node, "arm/covariance", learning.covariance(certain, stamp_ns))
             receive(self.node, "arm/state", messages.arm_state(NAMES, q, np.zeros(3), np.zeros(3), stamp_ns))
 
@@ -63,7 +63,7 @@ def wall(*settings, **keys):
         yield it
 
 
-def test_a_press_approaches_holds_and_lets_go(alone):
+def test_a_press_approaches_holds_and_releases(alone):
     with wall("control.force.approach_speed_m_s:=0.01") as it:
         it.press(0.03, 0.0, 0.0)
         assert re.fullmatch(r"presses with (29|30)\.\d mN", it.until("reached"))
@@ -95,6 +95,41 @@ def test_a_tip_that_meets_nothing_stops_and_says_so(alone):
         assert not it.node.state.force.push_n.any()
 
 
+def test_the_same_press_begins_anew_after_no_contact_but_not_by_a_stream(alone):
+    with wall("control.force.approach_s:=0.5", "control.force.approach_speed_m_s:=0.01") as it:
+        it.wall_m = 1.0
+        it.press(0.03, 0.0, 0.0)
+        it.until("lost")
+        x = it.x_m
+        for k in range(8):
+            it.tick(40)
+            it.press(0.03, 0.0, 0.0, stamp_s=2.0 + k)
+        assert it.x_m == pytest.approx(x, abs=1e-9)
+        assert "no contact within 0.5 s" in it.reports[-1].message
+        assert it.reports[-1].name == "lost"
+        it.tick(250)
+        it.wall_m = x + 0.002
+        it.press(0.03, 0.0, 0.0, stamp_s=20.0)
+        assert it.reports[-1].name == "moving"
+        it.until("reached")
+
+
+def test_a_short_gap_of_the_estimate_does_not_end_a_press(alone):
+    with wall("control.force.approach_speed_m_s:=0.01") as it:
+        it.press(0.03, 0.0, 0.0)
+        it.until("reached")
+        it.is_blind = True
+        it.tick(40)
+        assert it.node.state.force.wanted_n == pytest.approx(0.03, abs=1e-4)
+        it.is_blind = False
+        it.tick(100)
+        assert it.states[-1] == "reached"
+        it.is_blind = True
+        assert "no estimate of the force" in it.until("lost")
+        it.tick(400)
+        assert not it.node.state.force.push_n.any()
+
+
 def test_a_force_that_is_lost_is_said(alone):
     with wall("control.force.approach_speed_m_s:=0.01", "control.force.approach_s:=1.0") as it:
         it.press(0.03, 0.0, 0.0)
@@ -109,7 +144,7 @@ def test_a_force_that_is_lost_is_said(alone):
         ((), (0.1, 0.0, 0.0), {"frame": "optitrack"}, ("header.frame_id", "optitrack", "world", "base")),
         ((), (0.1, 0.0, 0.0), {"torque": 0.1}, ("wrench.torque",)),
         ((), (np.nan, 0.0, 0.0), {}, ("force", "finite")),
-        ((), (0.0, 0.0, 0.0), {}, ("lets go",)),
+        ((), (0.0, 0.0, 0.0), {}, ("releases",)),
         ((), (3.0, 0.0, 0.0), {}, ("link0/chamber", "kPa")),
         (("control.force.cap_n:=0.05",), (0.1, 0.0, 0.0), {}, ("cap", "50 mN")),
     ],

@@ -1,4 +1,4 @@
-"""What pushes on the simulated arm by topic, and the true force on it."""
+"""What pushes on the simulated arm by topic, the true force on it, and what moves its base."""
 
 import signal
 import subprocess
@@ -20,6 +20,7 @@ from soro_ros.topics.twin_topics import PUSH_NS
 from tests.patience import COMPILED_S
 from tests.soro_ros.direct import active, captured, fire, receive, values
 from tests.soro_ros.running import end, wait_until
+from tests.warm import Popen
 
 CHAMBERS = ("link0/chamber0", "link0/chamber1", "link0/chamber2")
 TICK_NS = 5_000_000
@@ -104,10 +105,74 @@ def test_what_is_no_push_is_refused_with_one_line(twin, capfd, bad, why):
     assert twin.node.diagnostics.status.level == OK
 
 
+@pytest.fixture
+def carried(domain):
+    with active(TwinNode, "mode:=lockstep", "base_by_topic:=true") as node:
+        yield LockstepTwin(node)
+
+
+def base_pose(place=(0.0, 0.0, 0.0), quaternion=(0.0, 0.0, 0.0, 1.0), stamp_ns=0, frame="world"):
+    message = messages.pose_stamped(np.eye(4), stamp_ns, frame)
+    message.pose = messages.pose(np.array(place), np.array(quaternion))
+    return message
+
+
+def test_the_arm_rides_on_the_base_that_a_topic_moves(carried):
+    rest = carried.tick()[1]
+    receive(carried.node, "base/pose", base_pose((0.02, 0.0, 0.0)))
+    tips = np.array([carried.tick()[1] for _ in range(400)])
+    assert np.ptp(tips[:, 0]) > 0.02, "the arm swings on its base"
+    assert tips[-1] == pytest.approx(rest + np.array([0.02, 0.0, 0.0]), abs=1e-4)
+    half = np.sqrt(0.5)
+    for k in range(1, 5):  # a quarter turn about its own axis, in steps
+        turn = 0.125 * np.pi * k
+        receive(
+            carried.node,
+            "base/pose",
+            base_pose((0.02, 0.0, 0.0), (0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2))),
+        )
+        carried.tick()
+    for _ in range(100):
+        carried.tick()
+    quaternion = messages.pose_arrays(carried.tips[-1].pose)[1]
+    assert abs(quaternion @ [0.0, 0.0, half, half]) == pytest.approx(1.0, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("bad", "why"),
+    [
+        ({"place": (np.nan, 0.0, 0.0)}, "finite numbers, and a quaternion of length 1"),
+        ({"quaternion": (0.0, 0.0, 0.0, 0.0)}, "a quaternion of length 1"),
+        (
+            {"place": (0.5, 0.0, 0.0)},
+            "0.5 m and 0 rad from the last pose; allowed: at most 0.2 m and 0.5 rad",
+        ),
+        ({"stamp_ns": 10**18}, "in the future"),
+        ({"stamp_ns": TICK_NS}, "0.010 s older than the last; allowed: in their order"),
+        ({"frame": "camera"}, "frame 'camera'; allowed: world (frames.world), or none"),
+    ],
+)
+def test_what_is_no_pose_of_the_base_is_refused_with_one_line(carried, capfd, bad, why):
+    for _ in range(3):
+        carried.tick()
+    receive(carried.node, "base/pose", base_pose(stamp_ns=3 * TICK_NS))
+    rest = carried.tick()[1]
+    capfd.readouterr()
+    for _ in range(3):
+        receive(carried.node, "base/pose", base_pose(**{"place": (0.02, 0.0, 0.0), **bad}))
+    assert [carried.tick()[1] for _ in range(20)][-1] == pytest.approx(rest, abs=1e-4)
+    (line,) = [line for line in capfd.readouterr().err.splitlines() if "base/pose" in line]
+    assert why in line
+
+
+def test_a_base_at_rest_has_no_topic(twin):
+    assert not [one for one in twin.node.subscriptions if one.topic_name.endswith("base/pose")]
+
+
 @pytest.mark.process
 def test_a_publisher_of_any_program_pushes_a_twin_in_real_time(domain):
     command = [sys.executable, "-m", "soro_ros.nodes.twin", "--ros-args", "-r", "__ns:=/alone"]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    process = Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     middleware.init([])
     node, heard = rclpy.create_node("hand", namespace="/alone"), []
     executor = SingleThreadedExecutor()

@@ -17,6 +17,7 @@ from soro_ros.conversion.interfaces import definition
 from soro_ros.run.supervisor import RunMonitor
 from tests.patience import LIMIT_S
 from tests.soro_ros.running import end
+from tests.warm import Popen
 
 pytestmark = pytest.mark.process
 
@@ -40,7 +41,7 @@ def write_bag(folder, run, names) -> None:
 def node(name: str, *parameters: str) -> subprocess.Popen[str]:
     options = [option for parameter in parameters for option in ("-p", parameter)]
     command = [sys.executable, "-m", f"soro_ros.nodes.{name}", "--ros-args", "-r", "__ns:=/replay", *options]
-    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    return Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
 def test_measured_pressures_through_player_and_twin_give_the_measured_curvatures(

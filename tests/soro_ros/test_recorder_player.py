@@ -37,6 +37,7 @@ from soro_ros.nodes.recorder import Recorder
 from tests.patience import LIMIT_S
 from tests.refused import refused_keys
 from tests.soro_ros.direct import receive
+from tests.warm import Popen
 
 # The parser that comes with the message packages imports a module that Python has deprecated.
 pytestmark = pytest.mark.filterwarnings("ignore:module 'sre_:DeprecationWarning")
@@ -62,7 +63,7 @@ class Process:
     def __init__(self, log: Path, module: str, *arguments: str) -> None:
         self._log = log
         with log.open("wb") as stream:
-            self._process = subprocess.Popen(
+            self._process = Popen(
                 [sys.executable, "-m", module, *arguments], stdout=stream, stderr=subprocess.STDOUT
             )
 

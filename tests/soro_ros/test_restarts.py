@@ -12,6 +12,7 @@ import pytest
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.soro_ros.arm_watch import ArmWatch
 from tests.soro_ros.running import SORO, wait_until
+from tests.warm import Popen
 
 pytestmark = pytest.mark.process
 
@@ -63,7 +64,7 @@ class Suite(ArmWatch):
                 self._settings[name]["folder"] = self._folder / f"bag{self._bags}"
             command = [str(part) for part in self._command(name)]
             with self._log(name).open("wb") as log:
-                self.processes[name] = subprocess.Popen(command, stdout=log, stderr=log)
+                self.processes[name] = Popen(command, stdout=log, stderr=log)
             if name == "valves":  # the twin joins them
                 wait_until(lambda: "ready:" in self._log("valves").read_text(), "emulated valves")
         for name in set(names) - {"valves"}:

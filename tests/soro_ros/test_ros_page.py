@@ -128,6 +128,7 @@ def offered(domain, tmp_path, monkeypatch):
             "regulator": ["device:=x", f"platform:={platform}"],
             "player": [f"bag:={tmp_path / 'bag'}"],
             "exciter": ["pose_rate_hz:=100.0"],
+            "twin": ["base_by_topic:=true"],
         }
         own = needed.get(name, []) + ([f"mode:={mode}"] if mode != "real_time" else [])
         middleware.init(["--ros-args", *(part for one in own for part in ("-p", one))])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 
 import pytest
 
 from tests.patience import COMPILED_S, LIMIT_S
 from tests.soro_ros.running import SORO, ClockListener, end, only_run, start_run, summary
+from tests.warm import completed
 
 pytestmark = pytest.mark.process
 
@@ -84,9 +84,7 @@ def test_a_newcomer_is_refused_beside_a_working_arm(working, tmp_path, newcomer)
     first, folder = working
     bag = str(only_run(folder) / "bag")
     command = [bag if part == BAG else part for part in NEWCOMERS[newcomer]]
-    ended = subprocess.run(
-        command, cwd=tmp_path, capture_output=True, text=True, timeout=LIMIT_S, check=False
-    )
+    ended = completed(command, LIMIT_S, cwd=tmp_path)
     assert ended.returncode == 2, ended.stderr
     (line,) = [one for one in ended.stderr.splitlines() if "allowed:" in one]
     assert "ROS_DOMAIN_ID" in line

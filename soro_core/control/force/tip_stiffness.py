@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.model import SoftArm
+from soro_core.model.equilibrium.finer_arm import finer_arm
+from soro_core.model.equilibrium.rest_forces import RestForces
 
 # Pieces of a link that a force at the tip bends non-uniformly.
 _PIECES = 4
-# Increment of strain for difference quotients.
-_STEP = 1e-6
 
 
 class StiffnessAtTip:
@@ -29,11 +28,8 @@ class StiffnessAtTip:
         self.arm = arm
         ends = np.cumsum([0, *(len(link.chambers) for link in arm.robot.links)]).tolist()
         self.chambers = [slice(a, b) for a, b in pairwise(ends) if b > a]
-
-    @cached_property
-    def fine(self) -> SoftArm:
-        """The arm with links of several pieces."""
-        return SoftArm(self.arm.robot.replace(contacts=None, tip_constraint=None).refine(_PIECES))
+        # Of varying strain, links bend non-uniformly as they are.
+        self._fine = None if arm.robot.varies else finer_arm(arm, _PIECES)
 
     def compliance(self, q: Array, toward: Array, k_p: Array) -> float:
         """Return how far a force moves the tip along itself, with feedback [m/N].
@@ -59,11 +55,11 @@ class StiffnessAtTip:
         toward : ndarray (3,)
             Direction of the force.
         """
-        if self.arm.robot.varies:  # its links bend non-uniformly as they are
+        if self._fine is None:
             return 1.0
-        x = self._fine(q)
-        fine, uniform = toward @ _slope(self.fine, x), toward @ _slope(self.arm, q)
-        nonuniform = fine @ np.linalg.solve(_stiffness(self.fine, x), fine)
+        arm, spread = self._fine
+        fine, uniform = (toward @ _slope(one, x) for one, x in ((arm, spread @ q), (self.arm, q)))
+        nonuniform = fine @ np.linalg.solve(_stiffness(arm, spread @ q), fine)
         return float(nonuniform / (uniform @ np.linalg.solve(_stiffness(self.arm, q), uniform)))
 
     def by_common_pressure(self, q: Array) -> Array:
@@ -101,13 +97,6 @@ class StiffnessAtTip:
             first += link.n_q
         return force
 
-    def _fine(self, q: Array) -> Array:
-        parts, first = [], 0
-        for link in self.arm.robot.links:
-            parts.append(np.tile(q[first : first + link.n_q], _PIECES))
-            first += link.n_q
-        return np.concatenate(parts)
-
 
 def _slope(arm: SoftArm, q: Array) -> Array:
     """Return the derivative (3, n_q) of the tip's position in the world."""
@@ -117,9 +106,4 @@ def _slope(arm: SoftArm, q: Array) -> Array:
 
 def _stiffness(arm: SoftArm, q: Array) -> Array:
     """Return the derivative (n_q, n_q) of gravity and elastic force."""
-
-    def force(at: Array) -> Array:
-        return np.asarray(arm.gravity_force(at) + arm.elastic_force(at))
-
-    steps = _STEP * np.eye(q.size)
-    return np.stack([(force(q + e) - force(q - e)) / (2.0 * _STEP) for e in steps], axis=1)
+    return RestForces(arm, np.zeros(arm.n_u)).stiffness(q, outside=0.0)

@@ -18,7 +18,8 @@ from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.external_force import Stage
 from soro_core.adaptation.kept import KeptNumbers
 from soro_core.adaptation.learned import Learned
-from soro_core.adaptation.learner import Learner, LearnerSample, LearnerState
+from soro_core.adaptation.learner import Learner
+from soro_core.adaptation.learning.state import LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array
 from soro_core.config import with_renamed

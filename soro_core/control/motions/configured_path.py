@@ -11,7 +11,6 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig
-from soro_core.control.motions.motion import finished
 from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion, ToRest
 from soro_core.control.motions.path_coordinates import PathCoordinates
 from soro_core.control.motions.speed_law import speed_law
@@ -20,6 +19,7 @@ from soro_core.control.reference.reference_transition import Bounds
 from soro_core.control.reference.trajectory import Point
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
+from soro_core.planning.steps import finished
 
 # Samples of a leg at which the rates of strain are taken.
 _SAMPLES = 64

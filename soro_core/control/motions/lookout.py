@@ -12,14 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion
 from soro_core.control.motions.motion_time import ON_THE_WAY
-from soro_core.control.motions.obstacles import ERROR_M, Obstacles
-from soro_core.control.motions.path_coordinates import Planning
 from soro_core.control.motions.resting_shape import RestingShape
 from soro_core.control.motions.speed_law import SpeedLaw
 from soro_core.control.reference.trajectory import Circle, Reference, Waypoints
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.obstacles import ERROR_M, Obstacles
+from soro_core.planning.steps import Planning
 
 # Pieces of a way, at whose ends the shape is found; samples that are looked at in one step; most of them.
 _FEWEST, _AT_ONCE, _MOST = 8, 16, 20_000

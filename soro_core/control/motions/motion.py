@@ -9,27 +9,27 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.lookout import Lookout, line, ways_along
-from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, PiecewiseMotion, Slower, ToRest
 from soro_core.control.motions.motion_time import ON_THE_WAY, Timing
-from soro_core.control.motions.path_coordinates import PathCoordinates, Planning, listed, with_nearest
+from soro_core.control.motions.path_coordinates import PathCoordinates, with_nearest
 from soro_core.control.motions.pressure_feasibility import PressureSupply, nearest_held, pressure_deficit
 from soro_core.control.motions.speed_law import STEEPEST, speed_law
 from soro_core.control.motions.tip_path import SAME_M, TipLeg, legs_of
 from soro_core.control.reference.reference_transition import Bounds
 from soro_core.control.reference.trajectory import Point
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.obstacles import listed
+from soro_core.planning.steps import Planning
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
-
-Result = TypeVar("Result")
 
 # Points of the way to the path at which its pressures are taken at rest.
 _ON_THE_WAY = 8
@@ -78,6 +78,8 @@ class Planner:
     lookout : callable
         Gives what looks out for the obstacles that the robot file knows, for coordinates (n_q,) at the begin;
         it gives None where the file knows none.
+    load_kg : float
+        Learned mass at the tip beyond the robot file's [kg].
     """
 
     supply: PressureSupply
@@ -85,6 +87,7 @@ class Planner:
     config: ControllerConfig
     dt: float
     lookout: Callable[[Array], Lookout | None]
+    load_kg: float = 0.0
 
     def plan(
         self, begin: Point, positions: Array, orientations: Array | None, start_s: float
@@ -176,8 +179,8 @@ class Planner:
                 )
             passed += leg.length_m
         path = [self._timed(leg, curve) for leg, curve in zip(legs, curves, strict=True)]
-        yield from self._keep_clear(near, first, path)
-        factor = yield from self._timing.factor(path)
+        yield from self.keep_clear(near, first, path)
+        factor = yield from self.timing.factor(path)
         slower = tuple(Slower(part, factor) if factor > 1.0 else part for part in path)
         return Route(first, slower, factor, note)
 
@@ -199,18 +202,37 @@ class Planner:
             If the pressures cannot do it.
         """
         approach = yield from self._approach(begin, route.first)
-        yield from self._keep_clear(begin.q, begin.q, approach)
+        yield from self.keep_clear(begin.q, begin.q, approach)
         parts: list[MotionSegment] = [*approach, *route.parts]
         if not parts:  # it is there already
             parts = [ToRest(begin, begin.q, _SHORTEST_S)]
         return PiecewiseMotion(tuple(parts), start_s, len(approach), route.factor, route.note)
 
     @property
-    def _timing(self) -> Timing:
+    def timing(self) -> Timing:
+        """Searches of the time of its parts."""
         return Timing(self.supply, self.bounds, self.config, self.dt)
 
-    def _keep_clear(self, begin: Array, first: Array, parts: Sequence[MotionSegment]) -> Planning[None]:
-        """Refuse parts on which an arm, which begins elsewhere perhaps, meets an obstacle."""
+    def keep_clear(self, begin: Array, first: Array, parts: Sequence[MotionSegment]) -> Planning[None]:
+        """Refuse parts on which the arm meets an obstacle.
+
+        Parameters
+        ----------
+        begin : ndarray (n_q,)
+            Where the arm is, which is elsewhere perhaps.
+        first : ndarray (n_q,)
+            Where the parts begin.
+        parts : sequence of MotionSegment
+
+        Yields
+        ------
+        None
+            After some samples.
+
+        Raises
+        ------
+        MotionError
+        """
         lookout = self.lookout(begin)
         if lookout is None:
             return
@@ -267,10 +289,10 @@ class Planner:
             return []
         parts: list[MotionSegment] = []
         if moves:
-            speed, _, _ = yield from self._timing.peaks(ToRest(begin, begin.q + 0.5 * begin.qd, 1.0))
+            speed, _, _ = yield from self.timing.peaks(ToRest(begin, begin.q + 0.5 * begin.qd, 1.0))
             duration_s = max(_SHORTEST_S, STEEPEST * speed / settings.acceleration_m_s2)
             # An even stop covers half of what the motion would.
-            stop = yield from self._timing.longer(
+            stop = yield from self.timing.longer(
                 lambda T: ToRest(begin, begin.q + 0.5 * T * begin.qd, T), duration_s
             )
             parts, begin = [stop], Point(stop.end, still, still)
@@ -279,26 +301,17 @@ class Planner:
         for x in np.linspace(0.0, 1.0, _ON_THE_WAY, endpoint=False)[1:]:
             self._check_rest(begin.q + x * (rest - begin.q), ON_THE_WAY, most)
             yield
-        speed, acceleration, rate = yield from self._timing.peaks(ToRest(begin, rest, 1.0))
+        speed, acceleration, rate = yield from self.timing.peaks(ToRest(begin, rest, 1.0))
         duration_s = max(
             _SHORTEST_S,
             speed / settings.speed_m_s,
             float(np.sqrt(acceleration / settings.acceleration_m_s2)),
             rate,
         )
-        way = yield from self._timing.longer(lambda T: ToRest(begin, rest, T), duration_s)
+        way = yield from self.timing.longer(lambda T: ToRest(begin, rest, T), duration_s)
         return [*parts, way]
 
     def _timed(self, leg: TipLeg, curve: CubicSpline) -> AlongPath:
         settings = self.config.motion
         law = speed_law(leg.length_m, settings.speed_m_s, settings.acceleration_m_s2, leg.curvature_per_m)
         return AlongPath(curve, law)
-
-
-def finished(steps: Planning[Result]) -> Result:
-    """Return the result of all steps."""
-    while True:
-        try:
-            next(steps)
-        except StopIteration as end:
-            return end.value  # type: ignore[no-any-return]

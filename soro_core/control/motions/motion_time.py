@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from soro_core.control.config import ControllerConfig
-from soro_core.control.motions.motion_error import MotionError
-from soro_core.control.motions.motion_parts import AlongPath, MotionSegment, Slower, ToRest
-from soro_core.control.motions.path_coordinates import Planning
+from soro_core.control.motions.motion_parts import MotionSegment, Slower, ToRest
 from soro_core.control.motions.pressure_feasibility import PressureSupply, Rates, rates
 from soro_core.control.reference.reference_transition import Bounds
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.steps import Planning
 
 ON_THE_WAY = "on the way to the first pose"
 # Samples of a part at which rates of strain and the speed of the tip are taken.
@@ -49,10 +49,17 @@ class Timing:
             duration_s *= 1.3
         raise self._too_fast(found, rate, ON_THE_WAY, None)
 
-    def peaks(self, part: MotionSegment) -> Planning[tuple[float, float, float]]:
-        """Find the largest speed [m/s] and acceleration [m/s^2] of the tip, and rate over the allowed one."""
+    def peaks(self, part: MotionSegment, samples: int = _SAMPLES) -> Planning[tuple[float, float, float]]:
+        """Find the largest speed [m/s] and acceleration [m/s^2] of the tip, and rate over the allowed one.
+
+        Parameters
+        ----------
+        part : MotionSegment
+        samples : int
+            Pieces of its time, between whose ends they are taken.
+        """
         arm, bounds = self.supply.arm, self.bounds
-        times = np.linspace(0.0, part.duration_s, _SAMPLES + 1)
+        times = np.linspace(0.0, part.duration_s, samples + 1)
         speeds, rate = [], []
         for k, t in enumerate(times):
             point = part.at(float(t))
@@ -68,7 +75,7 @@ class Timing:
             _BETWEEN * float(np.max(bounds.fields.peaks(np.array(rate)) / bounds.rate)),
         )
 
-    def factor(self, path: list[AlongPath]) -> Planning[float]:
+    def factor(self, path: Sequence[MotionSegment]) -> Planning[float]:
         """Find the smallest factor of time with which strains, pressures and set points keep their rates."""
         if not path:
             return 1.0
@@ -94,7 +101,7 @@ class Timing:
             raise self._too_fast(worst, strain, "path", factor)
         return float(factor)
 
-    def _worst(self, path: list[AlongPath], factor: float, share: float) -> Planning[Rates]:
+    def _worst(self, path: Sequence[MotionSegment], factor: float, share: float) -> Planning[Rates]:
         """Find the rates of the part that keeps them least."""
         found: list[Rates] = []
         for part in path:

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, TypeAlias, TypeVar
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.config import ControllerConfig
 from soro_core.control.motions.kinematics import inverse_kinematics
-from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.tip_path import TipLeg
 from soro_core.model import SoftArm
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.obstacles import listed
+from soro_core.planning.steps import Planning
 from soro_core.robot.coordinates import StrainFields
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
-
-Result = TypeVar("Result")
-Planning: TypeAlias = Generator[None, None, Result]
 
 # Points along a leg at which the inverse kinematics are solved: at least, and by length of the arm.
 _FEWEST, _PER_LENGTH = 8, 24
@@ -169,8 +168,3 @@ def with_nearest(
     nearest = arm.pose(q, arm.length)[:3, 3]
     missed_mm = 1e3 * float(np.linalg.norm(nearest - position))
     return f"{allowed}; the nearest is {listed(nearest)} mm, {missed_mm:.1f} mm away", tuple(nearest.tolist())
-
-
-def listed(position: Array) -> str:
-    """Return a position in mm."""
-    return "(" + ", ".join(f"{1e3 * x:.1f}" for x in position) + ")"

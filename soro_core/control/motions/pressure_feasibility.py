@@ -133,6 +133,12 @@ def pressure_supply(
     )
 
 
+def holding_pressure(supply: PressureSupply, q: Array) -> Array:
+    """Return the pressures (n_u,) [Pa gauge] that hold the arm at rest in `q` (n_q,) best."""
+    zero = np.zeros_like(q)
+    return _made(supply, q, supply.force(q, zero, zero))[0].pressure_pa
+
+
 def pressure_deficit(supply: PressureSupply, q: Array) -> PressureDeficit | None:
     """Return the pressure deficit of holding the arm at rest in `q` (n_q,); None if nothing."""
     zero = np.zeros_like(q)
@@ -230,8 +236,7 @@ def _made(supply: PressureSupply, q: Array, force: Array, wide: bool = False) ->
 
 def _left_away(supply: PressureSupply, q: Array, residual: Array) -> float:
     """Return how far a missing force moves the tip [m], by the stiffness at `q`."""
-    zero = np.zeros_like(q)
-    pressure = _made(supply, q, supply.force(q, zero, zero))[0].pressure_pa
+    pressure = holding_pressure(supply, q)
     moved = np.linalg.lstsq(_stiffness(supply, q, pressure), residual, rcond=None)[0]
     _, jacobian = supply.arm.pose_and_jacobian(q, supply.arm.length)
     return float(np.linalg.norm(jacobian[3:] @ moved))
@@ -278,10 +283,10 @@ def nearest_held(
     """
     from scipy.optimize import lsq_linear  # imported here: few motions are refused
 
-    arm, setpoints, zero = supply.arm, supply.setpoints, np.zeros_like(q)
+    arm, setpoints = supply.arm, supply.setpoints
     edge = _EDGE * (setpoints.maximum_pa - setpoints.minimum_pa)
     low, high = setpoints.minimum_pa + edge, setpoints.maximum_pa - edge
-    pressure = np.clip(_made(supply, q, supply.force(q, zero, zero))[0].pressure_pa, low, high)
+    pressure = np.clip(holding_pressure(supply, q), low, high)
     best, best_q, best_pa, damping = np.inf, None, pressure, _DAMPING
     slope, away = np.zeros((3, pressure.size)), np.zeros(3)
     for _ in range(_HELD_STEPS):

@@ -259,7 +259,8 @@ class ForceObserver:
                 ModelError, np.linalg.LinAlgError
             ):  # no coordinates have the place there
                 held = hold(self.force, state.held, place, learned, part, dt)
-        external = ExternalForce(slow, stage.doubt * found, stage.stage, stage.mass_free)
+        tip = self.balancer.fine.pose(balance.x, self.balancer.fine.length)[:3, 3]
+        external = ExternalForce(slow, stage.doubt * found, stage.stage, stage.mass_free, tip)
         return state._replace(
             balance=balance, average=average, of_any=of_any, stage=stage, held=held, external=external
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +21,7 @@ from soro_core.model import SoftArm
 from soro_core.model.build import find_site
 from soro_core.model.checks import refuse_underivable
 from soro_core.model.dynamics import GOOD
-from soro_core.robot.parts import fields
+from soro_core.model.equilibrium.finer_arm import finer_arm
 
 # Newton steps of a first balance, and of one that follows another.
 _FIRST, _NEXT = 8, 1
@@ -99,26 +99,13 @@ class TipBalancer:
         if robot.varies:
             raise ConfigError(robot.name, "basis", "strain that varies", "uniform strain of each link")
         self.arm, self.scales = arm, scales_of(arm, links)
-        still: dict[str, Any] = {"damping": None, "creep": [], "hysteresis": []}
-        plain = robot.replace(
-            links=[{**fields(link), **still} for link in robot.links], contacts=None, tip_constraint=None
-        )
-        self.fine = SoftArm(plain.refine(pieces))
+        self.fine, self.spread = finer_arm(arm, pieces)
         refuse_underivable(self.fine.robot, self.fine.method)
-        counts = [link.n_q for link in robot.links]
-        spread = np.zeros((self.fine.n_q, arm.n_q))
-        row = column = 0
-        for count in counts:
-            for _ in range(pieces):
-                spread[row : row + count, column : column + count] = np.eye(count)
-                row += count
-            column += count
-        self.spread = spread
         tables = self.fine.tables._replace(tip_mass=self.fine.tables.tip_mass.copy())
         self._box = kernel.make_fine_arm(
             tables,
-            np.ascontiguousarray(spread.T / pieces),
-            spread,
+            np.ascontiguousarray(self.spread.T / pieces),
+            self.spread,
             self.scales.force,
             self.scales.q,
             float(tables.tip_mass[0]),

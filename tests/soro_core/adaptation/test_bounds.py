@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import lsq_linear
 
-from soro_core.adaptation.bounds import bounded_minimum
+from soro_core.adaptation.learning.bounds import bounded_minimum
 
 
 def problem(seed, n=8):

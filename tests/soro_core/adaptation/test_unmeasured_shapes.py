@@ -5,7 +5,8 @@ import pytest
 
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation.config import LearnerConfig
-from soro_core.adaptation.learner import Learner, LearnerSample
+from soro_core.adaptation.learner import Learner
+from soro_core.adaptation.learning.state import LearnerSample
 from soro_core.config import find_config
 from soro_core.model.equilibrium.statics import equilibrium
 

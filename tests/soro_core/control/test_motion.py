@@ -13,13 +13,13 @@ from soro_core import SoftArm, equilibrium, load_robot
 from soro_core.adaptation.learned import Learned
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
-from soro_core.control.motions.motion import finished
-from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.motions.motion_parts import ToRest
 from soro_core.control.motions.pressure_feasibility import rates
 from soro_core.control.motions.tip_path import arc, corners
 from soro_core.control.reference.active_reference import follow, reference_ahead
 from soro_core.control.reference.trajectory import Hold, Point
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.steps import finished
 
 DT = 0.005
 REST = Point(np.array([0.05, 0.0, 0.0]), np.zeros(3), np.zeros(3))

@@ -11,12 +11,12 @@ from soro_core.adaptation.learned import Learned
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.motions.lookout import line
-from soro_core.control.motions.motion import finished
-from soro_core.control.motions.motion_error import MotionError
 from soro_core.control.reference.trajectory import Point
 from soro_core.control.retune import retune
 from soro_core.errors import ConfigError
 from soro_core.model.equilibrium.statics import equilibrium
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.steps import finished
 from soro_core.robot import Discretisation
 
 ROBOT = load_robot(find_config("tue_three_bellow", "robots"))

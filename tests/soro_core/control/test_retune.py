@@ -9,8 +9,10 @@ import pytest
 from soro_core import robot_from_dict
 from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig
+from soro_core.control.force import tip_stiffness
 from soro_core.control.retune import retune
 from soro_core.errors import ConfigError
+from soro_core.model.equilibrium import finer_arm as finer
 from tests.refused import fails
 
 DT = 0.005
@@ -53,6 +55,17 @@ class Loop:
 def largest_step(commands, before):
     forces = np.array([before.desired_force, *(c.desired_force for c in commands)])
     return np.abs(np.diff(forces, axis=0)).max(axis=0)
+
+
+def test_what_a_touch_needs_is_made_with_the_controller_and_kept(monkeypatch):
+    loop = Loop()
+    monkeypatch.setattr(tip_stiffness, "SoftArm", None)
+    monkeypatch.setattr(finer, "SoftArm", None)
+    before = loop.controller.force_loop
+    loop.retune(force={"rate_per_s": 3.0})
+    after = loop.controller.force_loop
+    assert (before.config.rate_per_s, after.config.rate_per_s) == (1.5, 3.0)
+    assert after.stiffness.nonuniformity(Q, np.array([1.0, 0.0, 0.0])) > 1.1
 
 
 def test_other_gains_act_soon_and_without_a_step():

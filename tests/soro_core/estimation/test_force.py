@@ -6,7 +6,8 @@ from scipy.optimize import root
 
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation.config import LearnerConfig
-from soro_core.adaptation.learner import Learner, LearnerSample
+from soro_core.adaptation.learner import Learner
+from soro_core.adaptation.learning.state import LearnerSample
 from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.reference.trajectory import Hold

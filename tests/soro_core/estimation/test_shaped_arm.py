@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from soro_core import SoftArm, load_robot, simulate
-from soro_core.control.motions.obstacles import obstacles_of
 from soro_core.estimation import Estimator, ImuSample, PoseSample
+from soro_core.planning.obstacles import obstacles_of
+from soro_core.robot.surroundings import Contacts
 from soro_core.rotation import quaternion_from_matrix
 
 ROBOT = load_robot("tapered_helix")
@@ -63,12 +64,13 @@ def test_an_estimator_of_a_straight_arm_does_not_find_it():
 
 def test_motions_keep_the_section_that_is_there_clear_of_obstacles():
     ball = {"centre": [0.0, 0.0, 0.5], "radius": 0.02, "stiffness": 1e3}
-    found = obstacles_of(SoftArm(ROBOT.replace(contacts={"spheres": [ball]})), 1)
+    contacts = Contacts.model_validate({"spheres": [ball]})
+    found = obstacles_of(SoftArm(ROBOT), contacts)
     wanted = np.interp(found.places, [0.0, ARM.length], [0.012, 0.007])
     np.testing.assert_allclose(found.radius, wanted, rtol=1e-12)
     # The step between samples is that of the thinnest section.
     plain = ROBOT.with_(
         {"links[0].sections": [], "links[0].radius": 0.012, "links[0].rest_torsion_per_m": 0.0}
     )
-    thick = obstacles_of(SoftArm(plain.replace(contacts={"spheres": [ball]})), 1)
+    thick = obstacles_of(SoftArm(plain), contacts)
     assert thick.step_m / found.step_m == pytest.approx(np.sqrt(0.032 / 0.027), rel=1e-9)

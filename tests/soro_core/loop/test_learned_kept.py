@@ -163,7 +163,7 @@ def test_a_path_that_is_not_there_is_named(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "key", "names"),
     [
-        ({"version": 1}, "version", ("2",)),
+        ({"version": 2}, "version", ("3", "learn again")),
         ({"version": None}, "version", ()),
         ({"numbers": numbers(link0__chamber1__gain=1.2)}, "numbers", ("link0/chamber1/gain", "-0.7", "1.2")),
         ({"numbers": numbers(link0__area_slope=-11.0)}, "numbers", ("link0/area_slope", "-10 to 10")),

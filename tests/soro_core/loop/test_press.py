@@ -17,7 +17,9 @@ RADIUS_M, BEGIN_S = 0.013, 7.0
 PLACE = np.array([0.012, 0.0, 0.068])
 
 
-def scene_with(tilt_deg=0.0, stiffness=2000.0, friction=0.3, moves_m_s=0.0, platform="", **force):
+def scene_with(
+    tilt_deg=0.0, stiffness=2000.0, friction=0.3, moves_m_s=0.0, span_s=(2.0, 3.0), platform="", **force
+):
     """The circling arm beside a wall that the circle does not touch."""
     tilt = np.deg2rad(tilt_deg)
     normal = -np.array([np.cos(tilt), 0.0, np.sin(tilt)])
@@ -29,8 +31,8 @@ def scene_with(tilt_deg=0.0, stiffness=2000.0, friction=0.3, moves_m_s=0.0, plat
         "normal": normal.tolist(),
         "point": (PLACE - RADIUS_M * normal).tolist(),
         "velocity_m_s": [moves_m_s, 0.0, 0.0],
-        "from_s": BEGIN_S + 2.0,
-        "to_s": BEGIN_S + 3.0,
+        "from_s": BEGIN_S + span_s[0],
+        "to_s": BEGIN_S + span_s[1],
     }
     keys = {
         "platform": platform,
@@ -93,6 +95,25 @@ def test_a_press_is_near_its_force_soon_after_the_touch(goal, keys):
     assert off(times, force, goal, 1.2) < 0.1 * goal
     assert off(times, force, goal, 2.0) < 4e-3  # the noise of the estimated force is 9 mN
     assert np.max(force) < goal + max(0.1 * goal, 3e-3)
+
+
+def test_a_press_follows_a_wall_that_moves():
+    span_s = 1.0, 2.1
+    times, force, _, _ = run(scene_with(moves_m_s=-0.01, span_s=span_s), 3.6, pressing(0.05))
+    error = np.abs(force - 0.05)
+    assert np.max(error[(times > span_s[0] + 0.7) & (times < span_s[1])]) < 4.5e-3
+    assert np.max(error[times > span_s[1] + 1.0]) < 4.5e-3
+
+
+def test_a_load_does_not_fell_the_arm_under_a_cap():
+    scene = scene_with(cap_n=0.1)
+    far = with_changes(scene.twin.wall, point=(0.5, 0.0, 0.0))
+    load = {"at_s": [BEGIN_S + 0.2], "force_n": [[0.0, 0.0, -0.294]]}
+    scene = with_changes(scene, twin=with_changes(scene.twin, wall=far, wrench=load))
+    rest = PLACE - np.array([0.003, 0.0, 0.0])
+    times, _, tips, last = run(scene, 2.5, lambda controller, state: controller.tip(state, rest))
+    assert np.min(tips[times > 0.9][:, 2]) > 0.055
+    assert "fallen" not in last.command.status.note
 
 
 def test_the_cap_bounds_the_force_of_a_reference_behind_the_wall():

@@ -26,7 +26,7 @@ LEARNED = {
 
 def kept(**changes):
     numbers = {name: (value, 0.01) for name, value in LEARNED.items()}
-    keys = {"version": 2, "robot": ROBOT.name, "digest": digest_of(ROBOT), "numbers": numbers}
+    keys = {"version": 3, "robot": ROBOT.name, "digest": digest_of(ROBOT), "numbers": numbers}
     return KeptNumbers(**{**keys, **changes})
 
 

@@ -1,4 +1,4 @@
-"""`soro` and its nodes as forks of one process that has their imports and kernels, instead of a Python each.
+"""`soro`, its nodes and emulated valves as forks of a process that has their imports, not a Python each.
 
 What is forked is a process as any other one, with its own environment, folder, pipes and signals, and a
 child of this process; `soro run` gets a fork server of its own, as it has otherwise.
@@ -17,12 +17,18 @@ from pathlib import Path
 from typing import Any
 
 from soro_ros.run import fork_server, forks
-from soro_ros.run.fork_server import Request
+from soro_ros.run.fork_server import ForkRequest
 
 _STDERR = "TESTS_STDERR"
 # What a forked Python has taken from its environment before.
 _FIXED = ("PYTHON", "XDG_CACHE_HOME", "NUMBA", "OPENBLAS")
-_server: list[tuple[socket.socket, subprocess.Popen[bytes]]] = []
+_environment = dict(os.environ)  # a test may change it
+# What a server imports, by the package of the programs that it forks.
+_IMPORTS = {
+    "soro_hardware": ("soro_hardware.emulation.__main__",),
+    "soro_ros": (*fork_server.MODULES, "soro_ros.cli", "soro_ros.commands.run", "soro_ros.run.compose"),
+}
+_servers: dict[str, tuple[socket.socket, subprocess.Popen[bytes]]] = {}
 
 
 class Popen(subprocess.Popen):  # type: ignore[type-arg]
@@ -32,50 +38,64 @@ class Popen(subprocess.Popen):  # type: ignore[type-arg]
         executable, prepare, _, descriptors, folder, environment, _, _, shell = rest[:9]
         command = [str(part) for part in args]
         own = dict(os.environ if environment is None else environment)
-        fixed = {name for name in {*own, *os.environ} if name.startswith(_FIXED)}
-        is_own = any(own.get(name) != os.environ.get(name) for name in fixed)
-        asks = executable or prepare or descriptors or shell or rest[9] != -1 or rest[20]
-        if asks or is_own or command[:2] != [sys.executable, "-m"]:
+        fixed = {name for name in {*own, *_environment} if name.startswith(_FIXED)}
+        is_own = any(own.get(name) != _environment.get(name) for name in fixed)
+        asks = (
+            executable or prepare or descriptors or shell or rest[9] != -1 or rest[20] or rest[21:] != (-1,)
+        )
+        package = command[2].partition(".")[0] if command[:2] == [sys.executable, "-m"] else ""
+        if asks or is_own or package not in _IMPORTS:
             super()._execute_child(args, *rest)  # type: ignore[misc]
             return
         what = {"environment": own, "folder": str(folder or Path.cwd())}
-        request = Request("tests.soro_ros.warm", [json.dumps(what), *command[2:]], pipe=_STDERR)
-        self.pid = _fork(request, [rest[12] if rest[12] != -1 else 1, rest[14] if rest[14] != -1 else 2])
+        request = ForkRequest("tests.warm", [json.dumps(what), *command[2:]], pipe=_STDERR)
+        self.pid = _fork(
+            package, request, [rest[12] if rest[12] != -1 else 1, rest[14] if rest[14] != -1 else 2]
+        )
         self._child_created = True
         self._close_pipe_fds(*rest[9:15])  # type: ignore[attr-defined]
 
 
-def _fork(request: Request, descriptors: list[int]) -> int:
-    fork_server.adopt(True)
-    if not _server:
+def completed(command: list[str], limit_s: float, **options: Any) -> subprocess.CompletedProcess[str]:
+    """Run a program to its end, as `subprocess.run` does."""
+    with Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options) as process:
+        try:
+            out, err = process.communicate(timeout=limit_s)
+        finally:
+            process.kill()
+    return subprocess.CompletedProcess(command, process.returncode, out, err)
+
+
+def _fork(package: str, request: ForkRequest, descriptors: list[int]) -> int:
+    if package not in _servers:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        command = [sys.executable, "-m", "tests.soro_ros.warm", str(theirs.fileno()), "-" * fork_server.TITLE]
+        command = [sys.executable, "-m", "tests.warm", str(theirs.fileno()), package, "-" * fork_server.TITLE]
         with theirs:
-            environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, "PYTHONUNBUFFERED": "1"}
+            environment = {"OPENBLAS_NUM_THREADS": "1", **_environment, "PYTHONUNBUFFERED": "1"}
             process = subprocess.Popen(command, pass_fds=[theirs.fileno()], env=environment)
-        _server.append((ours, process))
-        atexit.register(_close)
+        _servers[package] = ours, process
+        atexit.register(_close, ours, process)
         assert ours.recv(100) == b"ready"
-    asked, _ = _server[0]
-    socket.send_fds(asked, [json.dumps(request._asdict()).encode()], descriptors)
-    return int(asked.recv(100))
+    asked, _ = _servers[package]
+    with fork_server.adopting():
+        socket.send_fds(asked, [json.dumps(request._asdict()).encode()], descriptors)
+        return int(asked.recv(100))
 
 
-def _close() -> None:
-    asked, process = _server.pop()
+def _close(asked: socket.socket, process: subprocess.Popen[bytes]) -> None:
     asked.close()
     process.wait()
 
 
 def main() -> None:
-    """The server of the tests, and in its forks the program that was asked for."""
+    """A server of the tests, and in its forks the program that was asked for."""
     parent = os.getppid()
     fork_server.prepare(parent)
     asked = socket.socket(fileno=int(sys.argv[1]))
-    fork_server.warm("track_circle")
-    for module in (*fork_server.MODULES, "soro_ros.cli", "soro_ros.commands.run", "soro_ros.run.compose"):
+    for module in _IMPORTS[sys.argv[2]]:
         __import__(module)
-    asked.send(b"ready")
+    if sys.argv[2] == "soro_ros":
+        fork_server.warm("track_circle")
     request = fork_server.serve(asked, parent)
     if request is None:
         return
@@ -86,12 +106,12 @@ def main() -> None:
     os.environ.clear()
     os.environ.update(settings["environment"])
     os.chdir(settings["folder"])
+    sys.argv = [module, *arguments]
+    fork_server.name_process([sys.executable, "-m", *sys.argv])
     if module == "soro_ros.cli":
         _fork_server_beside()
     signal.signal(signal.SIGINT, signal.default_int_handler)
-    sys.argv = [module, *arguments]
-    fork_server.name_process([sys.executable, "-m", *sys.argv])
-    fork_server.run(Request(module, arguments))
+    fork_server.run(ForkRequest(module, arguments))
 
 
 def _fork_server_beside() -> None:
@@ -106,7 +126,6 @@ def _fork_server_beside() -> None:
     ours.close()
     fork_server.prepare(parent)
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    theirs.send(b"ready")
     if request := fork_server.serve(theirs, parent):
         fork_server.run(request)
     os._exit(0)

@@ -11,14 +11,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core.adaptation.bounds import bounded_minimum
+from soro_core.adaptation.learning.bounds import bounded_minimum
 from soro_core.arrays import Array
 
 # Time over which the evidence is a mean [s].
 _MEAN_S = 2.0
 # Slopes come into force where the squares that are missed without them are larger by exp(0.6) = 1.8, and go
-# where it is less than exp(0.1): W has got used to them, and learns anew without.
-_ADOPTED, _DROPPED = 0.6, 0.1
+# where they are smaller by as much. What they explain is no longer missed, and W has got used to them: no
+# evidence is none against them.
+_ENOUGH = 0.6
 # Squares, by the noise, that are as good as none: there is nothing to explain.
 _AS_NONE = 0.05
 
@@ -32,7 +33,8 @@ class SlopeEvidence:
     adopted : bool
         Whether the slopes are in force; else they stay at their start.
     mean : float
-        Mean logarithm of the ratio of the squares that are missed without and with slopes.
+        Mean logarithm of the ratio of the squares that are missed without and with slopes; at least 0 while
+        they are not in force.
     rivals : ndarray (2, size) or None
         Best values without and with slopes, beyond the start, when they were compared last.
     """
@@ -66,7 +68,11 @@ def compared(
     missed = residual[:, None] - regressor @ evidence.rivals.T
     without, beside = np.mean(missed * np.linalg.solve(noise, missed), axis=0) + _AS_NONE
     mean = evidence.mean + since_s / _MEAN_S * (math.log(without / beside) - evidence.mean)
-    return mean > (_DROPPED if evidence.adopted else _ADOPTED), mean
+    if evidence.adopted:
+        return mean > -_ENOUGH, mean
+    # A start that swings speaks against what is not in force, and would delay it.
+    mean = max(mean, 0.0)
+    return mean > _ENOUGH, mean
 
 
 def rivals(information: Array, moment: Array, first: int, room: tuple[Array, Array]) -> Array:

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.control.motions.path_coordinates import listed
-from soro_core.control.nonuniform_strain import NonuniformStrain, has_nonuniform_strain
 from soro_core.model import SoftArm
 from soro_core.robot.basis import knots, radius_profile, taper_at
+from soro_core.robot.surroundings import Contacts
 
 # How much nearer an obstacle may come between samples [m].
 ERROR_M = 5e-5
@@ -40,8 +39,6 @@ class Obstacles:
         Centre and radius of each [m].
     step_m : float
         Largest motion of a place between two samples.
-    nonuniform : NonuniformStrain or None
-        The non-uniform strain of the arm without contact, where it has one.
     """
 
     arm: SoftArm
@@ -50,13 +47,19 @@ class Obstacles:
     planes: Array
     spheres: Array
     step_m: float
-    nonuniform: NonuniformStrain | None
 
     def clearance(self, at: Array) -> Array:
         """Return the clearance (m, n + k) [m] of places at (m, 3) from each obstacle, below 0 inside."""
         heights = (at[:, None] - self.planes[:, :3]) * self.planes[:, 3:]
         distances = np.linalg.norm(at[:, None] - self.spheres[:, :3], axis=2) - self.spheres[:, 3]
         return np.hstack([heights.sum(axis=2), distances]) - self.radius[:, None]
+
+    def away_from(self, index: int, at: Array) -> Array:
+        """Return the unit vector (3,) in which a place at (3,) leaves an obstacle fastest."""
+        if index < len(self.planes):
+            return np.asarray(self.planes[index, 3:])
+        out = at - self.spheres[index - len(self.planes), :3]
+        return np.asarray(out / max(float(np.linalg.norm(out)), 1e-12))
 
     def place_name(self, place: int) -> str:
         """Return which link is at one of the places, and where."""
@@ -73,17 +76,18 @@ class Obstacles:
         return f"contacts.spheres[{index - len(self.planes)}] ({where})"
 
 
-def obstacles_of(arm: SoftArm, pieces: int) -> Obstacles | None:
-    """Return the obstacles that the robot file of an arm knows, or None.
+def obstacles_of(arm: SoftArm, contacts: Contacts | None, error_m: float = ERROR_M) -> Obstacles | None:
+    """Return the obstacles that a robot file knows, and where an arm is looked at; None where it knows none.
 
     Parameters
     ----------
     arm : SoftArm
-        Discretised model.
-    pieces : int
-        Number of pieces into which each link is discretised.
+        That shall keep clear of them.
+    contacts : Contacts or None
+        What the file states.
+    error_m : float
+        How much nearer an obstacle may come between places and samples [m].
     """
-    contacts = arm.robot.contacts
     if contacts is None or not (contacts.planes or contacts.spheres):
         return None
     ends = np.cumsum([link.length for link in arm.robot.links])
@@ -94,11 +98,10 @@ def obstacles_of(arm: SoftArm, pieces: int) -> Obstacles | None:
     # Half a step beside the nearest point of a ball, the distance from its centre is longer by this error.
     thinnest = min(radius_profile(link, knots(link)).min() for link in links)
     least = thinnest + min((one.radius for one in contacts.spheres), default=thinnest)
-    step = math.sqrt(8.0 * ERROR_M * least)
+    step = math.sqrt(8.0 * error_m * least)
     count = math.ceil((arm.length - radii[0]) * _STRETCHED / step)
     places = np.linspace(min(radii[0], arm.length), arm.length, max(count, 1) + 1)
     radius = radii[np.minimum(np.searchsorted(ends, places - 1e-9), len(radii) - 1)] * taper_at(links, places)
-    bare = SoftArm(arm.robot.replace(contacts=None))
     return Obstacles(
         arm,
         places,
@@ -106,5 +109,9 @@ def obstacles_of(arm: SoftArm, pieces: int) -> Obstacles | None:
         np.array(planes).reshape(-1, 6),
         np.array(spheres).reshape(-1, 4),
         step,
-        NonuniformStrain(bare, pieces) if has_nonuniform_strain(bare) else None,
     )
+
+
+def listed(position: Array) -> str:
+    """Return a position in mm."""
+    return "(" + ", ".join(f"{1e3 * x:.1f}" for x in position) + ")"

@@ -1,0 +1,115 @@
+"""State of the loop of the force between two ticks."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from soro_core.adaptation.external_force import ExternalForce
+from soro_core.arrays import Array
+from soro_core.control.force.press import Press
+from soro_core.control.reference.trajectory import Reference
+from soro_core.frozen import replaced
+
+Phase: TypeAlias = Literal["", "approach", "contact", "stopped"]
+# Time constant of the push on its way to another force [s], and the force that is none [N].
+PUSH_S = 0.12
+_NONE_N = 1e-6
+
+
+def _zero() -> Array:
+    return np.zeros(3)
+
+
+@dataclass(frozen=True)
+class ForceLoopState:
+    """State of the loop of the force.
+
+    Attributes
+    ----------
+    shift, shift_rate : ndarray (n_q,)
+        How far the reference is moved, and its rate, in coordinates.
+    moved, rate : ndarray (3,)
+        The same of its tip, in the world [m, m/s].
+    press : Press or None
+        The press under way.
+    asked : Reference or None
+        The reference that was given last, and
+    quiet_s : float
+        the time since then [s].
+    phase : str
+        Of the press; "stopped" for one that has met nothing. Without a press "contact" while the cap acts.
+    approach_s : float
+        Time of the approach [s].
+    gap_s : float
+        Time without an estimate of the force that is bridged [s].
+    is_beyond, is_unfelt : bool
+        Whether a press has stopped because the tip could not follow; whether a press or a cap is without an
+        estimate of the force.
+    refusal : str
+        Why the configured press is refused; empty if it is not.
+    tip, speed : ndarray (3,)
+        Tracked position and velocity of the tip [m, m/s]; `tip` is None where it is not tracked.
+    toward : ndarray (3,)
+        Direction of the push.
+    pressed_n : float
+        Force along the direction of a press [N].
+    by_common : ndarray (3, n_links)
+        How far a common pressure of each link moves the tip [m/Pa].
+    scale : float
+        What makes of a push at the tip of uniform links the same of ones that it bends non-uniformly.
+    wanted_n, answer_n, added_n : float
+        f, f as the estimate is to show it, and z [N].
+    felt : ExternalForce or None
+        Estimated force on the arm; None where it is not estimated.
+    """
+
+    shift: Array
+    shift_rate: Array
+    moved: Array = field(default_factory=_zero)
+    rate: Array = field(default_factory=_zero)
+    press: Press | None = None
+    asked: Reference | None = None
+    quiet_s: float = 0.0
+    phase: Phase = ""
+    approach_s: float = 0.0
+    gap_s: float = 0.0
+    is_beyond: bool = False
+    is_unfelt: bool = False
+    refusal: str = ""
+    tip: Array | None = None
+    speed: Array = field(default_factory=_zero)
+    toward: Array = field(default_factory=_zero)
+    pressed_n: float = 0.0
+    by_common: Array = field(default_factory=lambda: np.zeros((3, 0)))
+    scale: float = 1.0
+    wanted_n: float = 0.0
+    answer_n: float = 0.0
+    added_n: float = 0.0
+    felt: ExternalForce | None = None
+
+    @property
+    def push_n(self) -> Array:
+        """Force that is added at the tip of uniform links, (3,) [N]."""
+        return np.asarray(self.scale * (self.wanted_n + self.added_n) * self.toward)
+
+    @property
+    def note(self) -> str:
+        """What the user must know."""
+        if self.is_unfelt:
+            what = "the tip is stopped" if self.phase == "stopped" else "nothing keeps it below the cap"
+            return f"no estimate of the force: {what}"
+        if self.phase != "stopped":
+            return self.refusal
+        where = "where the tip follows" if self.is_beyond else f"within {self.approach_s:.1f} s"
+        return f"no contact {where}: the tip is stopped"
+
+    def released(self, dt: float) -> ForceLoopState:
+        """Return the state with less push, after a tick of `dt` [s]."""
+        if not self.wanted_n:
+            return self
+        left = 0.0 if self.wanted_n < _NONE_N else float(np.exp(-dt / PUSH_S))
+        wanted, answer, added = (left * n for n in (self.wanted_n, self.answer_n, self.added_n))
+        return replaced(self, wanted_n=wanted, answer_n=answer, added_n=added)

@@ -1,0 +1,88 @@
+"""A press from tick to tick: approach, contact, and the end of one that meets nothing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from soro_core.arrays import Array
+from soro_core.control.force.force_state import ForceLoopState, Phase
+from soro_core.control.force.press import Press
+from soro_core.control.force.pushed_tip import PushedTip, across, fade
+from soro_core.control.reference.active_reference import STREAM_S
+from soro_core.control.reference.trajectory import Reference
+from soro_core.frozen import replaced
+
+# Part of the goal from which on the tip touches something, at most so much [N]; and the part of this force
+# below which it has left.
+_TOUCH, _MOST_TOUCH_N, _LEAVES = 0.3, 0.015, 0.3
+# How far the reference of an approach may be ahead of the tip [m]: out of reach the tip does not follow.
+_MOST_AHEAD_M = 0.006
+
+
+def asked(state: ForceLoopState, wanted: Reference, given: Reference | None, dt: float) -> ForceLoopState:
+    """Return the state with the press that is asked for.
+
+    Another press goes on in contact. The same one, asked for again after a pause, begins its approach anew
+    where the tip has stopped; messages of one stream are one request.
+
+    Parameters
+    ----------
+    state : ForceLoopState
+    wanted : Reference
+        The reference to follow.
+    given : Reference or None
+        That of the last message, which may repeat it.
+    dt : float
+        Time since the last tick [s].
+    """
+    press = wanted if isinstance(wanted, Press) else None
+    quiet_s = state.quiet_s + dt
+    is_asked = given is not state.asked
+    state = replaced(state, asked=given, quiet_s=0.0 if is_asked else quiet_s)
+    if press is not state.press:
+        keeps = press is not None and state.phase == "contact"
+        phase: Phase = "contact" if keeps else "" if press is None else "approach"
+        state = replaced(state, press=press, phase=phase)
+    elif press is not None and state.phase == "stopped" and is_asked and quiet_s > STREAM_S:
+        state = replaced(state, phase="approach")
+    else:
+        return state
+    return replaced(state, approach_s=0.0, is_unfelt=False, is_beyond=False)
+
+
+def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt: float) -> ForceLoopState:
+    """Return the state with the reference of a press moved.
+
+    Parameters
+    ----------
+    push : PushedTip
+    state : ForceLoopState
+    press : Press
+    tip : ndarray (3,)
+        Tip of the reference, not moved [m].
+    dt : float
+        Time since the last tick [s].
+    """
+    config, direction = push.config, press.direction
+    if state.felt is None and state.phase != "stopped":
+        state = replaced(state, phase="stopped", is_unfelt=True)
+    if state.felt is None or state.phase == "stopped":
+        return replaced(state, rate=np.zeros(3)).released(dt)
+    force = press.pressed_n(state.felt)
+    goal = min(press.force_n, config.cap_n or np.inf)
+    touch = min(_TOUCH * goal, _MOST_TOUCH_N)
+    back = fade(across(state.moved, direction), config.approach_speed_m_s, dt)
+    if force > (_LEAVES * touch if state.phase == "contact" else touch):
+        if state.phase != "contact":
+            state = push.touched(state, press.q, direction, force)
+        state = replaced(state, pressed_n=force, toward=direction)
+        return push.pushed(state, goal, force, tip, np.zeros(3), 0.0, dt)
+    approach_s = state.approach_s + dt if state.phase == "approach" else 0.0
+    state = replaced(state, phase="approach", approach_s=approach_s, pressed_n=force)
+    state = state.released(dt)
+    assert state.tip is not None
+    is_beyond = float(direction @ (tip + state.moved - state.tip)) > _MOST_AHEAD_M
+    if is_beyond or approach_s > config.approach_s:
+        return replaced(state, phase="stopped", rate=np.zeros(3), is_beyond=is_beyond)
+    rate = back + config.approach_speed_m_s * direction
+    return replaced(state, rate=rate, moved=state.moved + dt * rate)

@@ -14,6 +14,7 @@ from benchmarks import (
     around,
     bags,
     board,
+    bodies,
     can_rates,
     composed,
     control,
@@ -81,6 +82,7 @@ SECTIONS = {
     "bags": bags,
     "composed": composed,
     "view": view,
+    "bodies": bodies,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

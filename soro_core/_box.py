@@ -3,11 +3,13 @@
 Numba passes a named tuple of forty arrays to a compiled function as four hundred machine words, at every
 level of calls, and each access to an array changes its reference count atomically. For an arm of one link
 this takes most of the time. So a `Box` holds the tuple, and kernels get a view, which is its address. A view
-does not keep what it refers to alive: the caller keeps the box.
+does not keep what it refers to alive: the caller keeps the box. Boxes of one type can be told apart by their
+addresses alone, so that one kernel takes many of them.
 """
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any, NamedTuple
 
 import numba
@@ -109,6 +111,24 @@ def _view(typing_context: Any, box: Any) -> Any:
     return kind(box), code
 
 
+@intrinsic  # type: ignore[untyped-decorator]
+def _address_of(typing_context: Any, box: Any) -> Any:
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        utils = structref._Utils(context, builder, signature.args[0])
+        place = utils.get_data_struct(arguments[0])._get_ptr_by_name("content")
+        return builder.ptrtoint(place, context.get_value_type(numba.types.int64))
+
+    return numba.types.int64(box), code
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _view_at(typing_context: Any, like: Any, address: Any) -> Any:
+    def code(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.inttoptr(arguments[1], context.get_value_type(signature.return_type))
+
+    return like(like, address), code
+
+
 if numba_config.DISABLE_JIT:
 
     class Box(NamedTuple):
@@ -119,6 +139,14 @@ if numba_config.DISABLE_JIT:
     def view(box: Box) -> Any:
         """Return the content."""
         return box.content
+
+    def address_of(box: Box) -> int:
+        """Return where `view_at` finds the content."""
+        return id(box.content)
+
+    def view_at(like: Any, address: int) -> Any:
+        """Return the content at an address, of the same type as `like`."""
+        return ctypes.cast(int(address), ctypes.py_object).value
 
 else:
 
@@ -150,4 +178,4 @@ else:
 
     structref.register(BoxType)
     structref.define_boxing(BoxType, Box)
-    view = _view
+    view, address_of, view_at = _view, _address_of, _view_at

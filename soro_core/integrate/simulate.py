@@ -196,7 +196,7 @@ def simulate(
     run = run_of(integrator, rtol, air)
     name = arm.robot.name
     n_z = internal_states(arm, air)
-    times = _times(t_end, dt, MOST_NUMBERS // (1 + 2 * arm.n_q + n_z + 3 * arm.n_u))
+    times = step_times(t_end, dt, MOST_NUMBERS // (1 + 2 * arm.n_q + n_z + 3 * arm.n_u))
     q = np.empty((len(times), arm.n_q))
     v = np.empty_like(q)
     z = np.empty((len(times), n_z))
@@ -204,11 +204,11 @@ def simulate(
     v[0] = _initial(qd0, arm.n_q, "qd0", name)
     z[0, : arm.n_internal] = _initial(internal0, arm.n_internal, "internal0", name)
     arm.damping_force(q[0], v[0])  # refuses a collapsed start
-    table = _table(
+    table = input_table(
         pressure, times, arm.n_u - (0 if tension is None else len(arm.robot.tendons)), "pressure", name
     )
     if tension is not None:
-        given = _table(tension, times, len(arm.robot.tendons), "tension", name)
+        given = input_table(tension, times, len(arm.robot.tendons), "tension", name)
         table = np.concatenate((table, given), axis=2)
     refuse_push(arm.robot, table, "pressure" if tension is None else "tension")
     inputs, motion = table, None
@@ -286,7 +286,21 @@ def _named(names: Sequence[str], wanted: Flags) -> tuple[str, ...]:
     return tuple(name for name, is_wanted in zip(names, wanted, strict=True) if is_wanted)
 
 
-def _times(t_end: float, dt: float, most: int) -> Array:
+def step_times(t_end: float, dt: float, most: int) -> Array:
+    """Return the times (n_t,) of a run.
+
+    Parameters
+    ----------
+    t_end, dt : float
+        As of `simulate` [s].
+    most : int
+        Largest number of steps.
+
+    Raises
+    ------
+    ModelError
+        If a number is not allowed.
+    """
     for name, value, low in (("dt", dt, "above 0"), ("t_end", t_end, "of 0 or more")):
         x = number(value)
         if not (0.0 <= x < math.inf and (x > 0.0 or name == "t_end")):
@@ -304,10 +318,27 @@ def _times(t_end: float, dt: float, most: int) -> Array:
     return times
 
 
-def _table(
+def input_table(
     values: Callable[[float], ArrayLike] | ArrayLike | None, times: Array, n: int, name: str, whose: str
 ) -> Array:
-    """Return inputs (n_t, 3, n) at the start, the middle and the end of every step."""
+    """Return inputs (n_t, 3, n) at the start, the middle and the end of every step.
+
+    Parameters
+    ----------
+    values : callable, (n,) or (n_t, 3, n) or None
+        As `pressure` of `simulate`.
+    times : (n_t,)
+        [s].
+    n : int
+        Number of inputs.
+    name, whose : str
+        Name of the argument and of the robot, for messages.
+
+    Raises
+    ------
+    ModelError
+        If a shape is wrong.
+    """
     table = np.zeros((len(times), 3, n))
     if values is None:
         return table

@@ -33,9 +33,9 @@ _GAIN_STD = 0.03
 _PLACE_S = 0.25
 # Deviation of the force of inertia at the tip, as a part of it.
 _INERTIA = 0.5
-# Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
-# [rad/s].
-_MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
+# Speed of the tip, in lengths of the arm a second, up to which it rests, and from which on it moves; behind a
+# low-pass of a rate [rad/s].
+_RESTS_PER_S, _MOVES_PER_S, _STEADY_PER_S = 0.05, 0.15, 2.0
 # A force is seen up to two of these times after it has begun to teach [s].
 _PAST_S = 0.2
 # Part of a new position in the mean of their scatter.
@@ -201,21 +201,21 @@ class ForceObserver:
         start_s = state.passed_s
         for one in seen:
             state = self._passed(state, one)
-        passed, q = state.measured, state.q
-        assert passed is not None
+        measured, q = state.measured, state.q
+        assert measured is not None
         assert q is not None
         dt, config = state.passed_s - start_s, self.config
         theta, learned = self._nothing, known.learned
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
-        state = state._replace(past=_past(state, float(theta[0]), self._moves(state), dt))
+        state = state._replace(past=_past(state, float(theta[0]), self._speed(state) > _RESTS_PER_S, dt))
         base, bent = np.zeros(3), np.zeros(self.arm.n_q)
         if state.stage.stage != "free" and state.past:
             # What is learned as a load since then may be the push; what was missing before it is none.
             theta = np.concatenate([[state.past[0].mass_kg], theta[1:]])
             base, bent = state.past[0].force_n, q - state.past[0].q
-        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), passed.qd)
-        measured = passed._replace(force=passed.force + losses)
+        losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), measured.qd)
+        measured = measured._replace(force=measured.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
             return state.begun_anew(state.due_s)
@@ -244,7 +244,7 @@ class ForceObserver:
             load_kg,
             inertia_kg,
             acceleration,
-            self._moves(state),
+            self._speed(state) > _MOVES_PER_S,
         )
         stage = next_stage(state.stage, told, dt)
         if state.stage.stage != "free" and stage.stage == "free":
@@ -266,9 +266,9 @@ class ForceObserver:
             balance=balance, average=average, of_any=of_any, stage=stage, held=held, external=external
         )
 
-    def _moves(self, state: ForceState) -> bool:
-        """Whether the arm moves, and does not only swing."""
-        return state.speed is not None and float(np.linalg.norm(state.speed)) > _MOVES_PER_S * self.arm.length
+    def _speed(self, state: ForceState) -> float:
+        """Return the speed of the tip behind a low-pass, without its swing, in lengths of the arm a second."""
+        return 0.0 if state.speed is None else float(np.linalg.norm(state.speed)) / self.arm.length
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:
         """Return the state with one more position behind the low-pass."""

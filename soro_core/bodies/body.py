@@ -1,0 +1,181 @@
+"""Rigid bodies: shapes, mass, and how they are held. SI units."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field, field_validator, model_validator
+
+from soro_core.arrays import Array
+from soro_core.bodies.stepping.records import BALL, BOX, CAPSULE, CYLINDER, GROUND
+from soro_core.config import Strict
+from soro_core.robot.vectors import Quaternion, Vector3
+from soro_core.rotation import matrix_from_quaternion
+
+_ZERO = (0.0, 0.0, 0.0)
+# Lengths of a body [m]: beyond these a unit is wrong.
+_SMALL, _LARGE = 1e-4, 100.0
+_Length = Annotated[float, Field(ge=_SMALL, le=_LARGE)]
+
+
+class BallShape(Strict):
+    """A ball."""
+
+    kind: Literal["ball"] = "ball"
+    radius: _Length = Field(description="[m]")
+
+    def extents(self) -> tuple[int, tuple[float, ...], float]:
+        """Return kind, sizes and bounding radius for the kernels."""
+        return BALL, (self.radius, 0.0, 0.0), self.radius
+
+    def inertia_per_mass(self) -> Array:
+        """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
+        return np.full(3, 0.4 * self.radius**2)
+
+
+class CapsuleShape(Strict):
+    """A cylinder along z between two half balls."""
+
+    kind: Literal["capsule"] = "capsule"
+    radius: _Length = Field(description="[m]")
+    length: _Length = Field(description="of the cylinder, without the half balls [m]")
+
+    def extents(self) -> tuple[int, tuple[float, ...], float]:
+        """Return kind, sizes and bounding radius for the kernels."""
+        return CAPSULE, (self.radius, 0.5 * self.length, 0.0), self.radius + 0.5 * self.length
+
+    def inertia_per_mass(self) -> Array:
+        """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
+        r, d = self.radius, self.length
+        tube = d / (d + 4.0 * r / 3.0)
+        across = tube * (r * r / 4 + d * d / 12) + (1 - tube) * (0.4 * r * r + d * d / 4 + 3 * d * r / 8)
+        return np.array([across, across, tube * 0.5 * r * r + (1 - tube) * 0.4 * r * r])
+
+
+class CylinderShape(Strict):
+    """A cylinder along z."""
+
+    kind: Literal["cylinder"] = "cylinder"
+    radius: _Length = Field(description="[m]")
+    length: _Length = Field(description="[m]")
+
+    def extents(self) -> tuple[int, tuple[float, ...], float]:
+        """Return kind, sizes and bounding radius for the kernels."""
+        half = 0.5 * self.length
+        return CYLINDER, (self.radius, half, 0.0), math.hypot(self.radius, half)
+
+    def inertia_per_mass(self) -> Array:
+        """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
+        across = self.radius**2 / 4 + self.length**2 / 12
+        return np.array([across, across, 0.5 * self.radius**2])
+
+
+class BoxShape(Strict):
+    """A box."""
+
+    kind: Literal["box"] = "box"
+    size: Vector3 = Field(description="lengths of its edges along x, y, z [m]")
+
+    @field_validator("size")
+    @classmethod
+    def _bounded(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if not all(_SMALL <= one <= _LARGE for one in value):
+            raise ValueError(f"three lengths of {_SMALL:g} to {_LARGE:g} m")
+        return value
+
+    def extents(self) -> tuple[int, tuple[float, ...], float]:
+        """Return kind, sizes and bounding radius for the kernels."""
+        half = tuple(0.5 * one for one in self.size)
+        return BOX, half, math.hypot(*half)
+
+    def inertia_per_mass(self) -> Array:
+        """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
+        square = np.array(self.size) ** 2
+        return np.asarray((square.sum() - square) / 12.0)
+
+
+class GroundShape(Strict):
+    """The half space z <= 0 of the body's frame; of a fixed body alone."""
+
+    kind: Literal["ground"] = "ground"
+
+    def extents(self) -> tuple[int, tuple[float, ...], float]:
+        """Return kind, sizes and bounding radius for the kernels."""
+        return GROUND, _ZERO, 0.0
+
+    def inertia_per_mass(self) -> Array:
+        """Zeros: it does not turn."""
+        return np.zeros(3)
+
+
+class Hinge(Strict):
+    """A joint to the world with one axis; its angle counts from the pose of the body at the start."""
+
+    point: Vector3 = Field(description="of its axis, in the world [m]")
+    axis: Vector3 = Field(description="direction in the world, of any length above 0")
+    limits_rad: tuple[float, float] | None = Field(None, strict=False, description="least and largest angle")
+    stiffness: float = Field(0.0, ge=0, description="of a spring towards angle 0 [N m/rad]")
+    damping: float = Field(0.0, ge=0, description="[N m s/rad]")
+
+    @field_validator("axis")
+    @classmethod
+    def _direction(cls, value: tuple[float, ...]) -> tuple[float, ...]:
+        if not math.hypot(*value) > 0.0:
+            raise ValueError("a direction, not all zeros")
+        return value
+
+    @field_validator("limits_rad")
+    @classmethod
+    def _order(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:
+        if value is not None and not value[0] <= 0.0 <= value[1]:
+            raise ValueError("two angles, the first at most 0 and the second at least 0")
+        return value
+
+
+class RigidBody(Strict):
+    """A rigid body; its position is that of its centre, which is its centre of mass."""
+
+    shape: BallShape | CapsuleShape | CylinderShape | BoxShape | GroundShape = Field(discriminator="kind")
+    mass: float | None = Field(None, gt=0, le=1e6, description="[kg]; needed by a body that is not fixed")
+    inertia: Vector3 | None = Field(None, description="about its axes [kg m^2]; default that of a solid body")
+    position: Vector3 = Field(_ZERO, description="in the world [m]")
+    quaternion: Quaternion = Field((0.0, 0.0, 0.0, 1.0), description="x, y, z, w")
+    velocity: Vector3 = Field(_ZERO, description="at the start [m/s]")
+    angular_velocity: Vector3 = Field(_ZERO, description="at the start, in the world [rad/s]")
+    fixed: bool = Field(False, description="held in the world, or driven by a motion")
+    hinge: Hinge | None = Field(None, description="default: free")
+    friction: float = Field(0.5, ge=0, le=10, description="coefficient; of two bodies the smaller one holds")
+    restitution: float = Field(0.0, ge=0, le=1, description="speed after a bounce over that before")
+
+    @field_validator("inertia")
+    @classmethod
+    def _possible(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if value is not None and not (min(value) > 0.0 and 2.0 * max(value) <= sum(value) * (1.0 + 1e-9)):
+            raise ValueError("three numbers above 0, none above the sum of the others")
+        return value
+
+    @model_validator(mode="after")
+    def _held(self) -> RigidBody:
+        if self.fixed and self.hinge is not None:
+            raise ValueError("hinge or fixed, not both")
+        if isinstance(self.shape, GroundShape) and not self.fixed:
+            raise ValueError("a ground with fixed: true")
+        if not self.fixed and self.mass is None:
+            raise ValueError("a body with a mass above 0, or fixed: true")
+        if (self.fixed or self.hinge is not None) and (any(self.velocity) or any(self.angular_velocity)):
+            raise ValueError("a velocity at the start of free bodies alone")
+        return self
+
+    @property
+    def rotation(self) -> Array:
+        """Rotation in the world at the start, (3, 3)."""
+        return matrix_from_quaternion(np.array(self.quaternion))
+
+    def moments(self) -> Array:
+        """Moments of inertia about the body's axes, (3,) [kg m^2]; ones of a body that is fixed."""
+        if self.fixed or self.mass is None:
+            return np.ones(3)
+        own = self.mass * self.shape.inertia_per_mass() if self.inertia is None else self.inertia
+        return np.array(own, dtype=np.float64)

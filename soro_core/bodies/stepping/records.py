@@ -1,0 +1,251 @@
+"""What the kernels of a world know and write: bodies, arms and contacts as flat arrays.
+
+A *mover* is what contacts move: first the arms, each with its coordinates, then the bodies, each with its
+twist (angular, linear) in the world, about its centre of mass. Rows of movers are padded to one width.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from soro_core._box import Box, address_of
+from soro_core._jit import kernel
+from soro_core.arrays import Array, Flags, Integers
+
+BALL, CAPSULE, CYLINDER, BOX, GROUND = 0, 1, 2, 3, 4
+FREE, HINGED, DRIVEN = 0, 1, 2
+# Entries of `BodyTables.hinge`: a point of the axis, its direction, the centre of mass from the point at
+# angle 0 (all in the world), stiffness, damping, least and largest angle, and inertia about the axis.
+POINT, AXIS, ARM, SPRING, DAMPER, LOW, HIGH, ABOUT_AXIS, HINGE_WIDTH = 0, 3, 6, 9, 10, 11, 12, 13, 14
+# Entries of `BodyRows.joint`.
+ANGLE, RATE = 0, 1
+# Largest number of contacts at a time.
+MOST_CONTACTS = 128
+# Entries of a stored contact: sides (body, or -1 - section), point, normal, force on the first side, gap.
+SIDE_A, SIDE_B, WHERE, NORMAL, FORCE, GAP, CONTACT_WIDTH = 0, 1, 2, 5, 8, 11, 12
+
+
+class BodyTables(NamedTuple):
+    """Parameters of n bodies."""
+
+    kind: Integers
+    size: Array
+    """Radius; radius and half of the length; half of the edges; (n, 3) [m]."""
+    bound: Array
+    """Radius of the ball about the centre that holds the body [m]; of the ground 0."""
+    mass: Array
+    inertia: Array
+    """About the body's axes, (n, 3) [kg m^2]."""
+    motion: Integers
+    hinge: Array
+    """(n, HINGE_WIDTH)."""
+    at_zero: Array
+    """Rotation of a hinged body at angle 0, (n, 3, 3)."""
+    friction: Array
+    restitution: Array
+    gravity: Array
+
+
+class BodyRows(NamedTuple):
+    """State of n bodies, or rows of states with time first."""
+
+    place: Array
+    """Centres of mass, (n, 3) [m]."""
+    rotation: Array
+    """(n, 3, 3)."""
+    twist: Array
+    """Angular and linear velocity in the world, (n, 6)."""
+    joint: Array
+    """Angle and rate of hinged bodies, (n, 2)."""
+
+
+class NoArms(NamedTuple):
+    """A world without arms: its own type, so that no model of an arm is compiled."""
+
+    nothing: int = 0
+
+
+class ArmTables(NamedTuple):
+    """Arms, and the sections along them between which contacts are looked for."""
+
+    address: Integers
+    """`soro_core._box.address_of` of each arm's `Stepping`, (n_a,)."""
+    first_q: Integers
+    """First coordinate of each arm in a row of all, (n_a + 1,); so internal states and inputs."""
+    first_z: Integers
+    first_u: Integers
+    first_site: Integers
+    link: Integers
+    """Of each section, with what follows as in `soro_core.model.tables.Site`, (n_s, ...)."""
+    place: Array
+    whole: Integers
+    step: Array
+    shape: Array
+    rest: Array
+    radius: Array
+    R: Array
+    """Rotations of the sections at the start of a step, (n_s, 3, 3)."""
+    p: Array
+    columns: Array
+    """Body Jacobians there, one coordinate a row, (n_s, width, 6)."""
+    residual: Array
+    """Scratch of Newton's iteration, (n_a, width)."""
+    change: Array
+    """Last correction of each arm relative to its scale, (n_a,)."""
+    failed: Integers
+    """The arm that is at work, (1,)."""
+    no_wrench: Array
+    base_twist: Array
+    """Angular and linear velocity of each base in the world at the end of the step, (n_a, 6)."""
+    base_place: Array
+    """Places of the bases at its start, (n_a, 3)."""
+
+
+class Movers(NamedTuple):
+    """Velocities of arms and bodies over a step, (n_m, width), and what all contacts share."""
+
+    start: Array
+    free: Array
+    """At the end of the step without contact."""
+    end: Array
+    theta: Array
+    """Part of the step at which the equation of each mover holds: 1/2, or 1 where it may touch; (n_m,)."""
+    effective: Array
+    """Inertia of hinged bodies with damping and spring, (n_m,)."""
+    stiffness: float
+    reach: float
+
+
+class ContactTables(NamedTuple):
+    """ContactTables of a step, their number first."""
+
+    counts: Integers
+    """(1,), and behind it the number of those of the step before: (2,)."""
+    key: Integers
+    """Which surfaces: equal from step to step."""
+    side: Integers
+    """Body of each side, or -1 - section where a piece of an arm begins, or NOBODY; (n, 2)."""
+    part: Array
+    """Where the point lies on that piece, 0 to 1, (n, 2)."""
+    point: Array
+    frame: Array
+    """Rows: normal, out of the second side, and two tangents, (n, 3, 3)."""
+    gap: Array
+    friction: Array
+    restitution: Array
+    given: Array
+    """Speed at the end of the step that moves no mover: of an arm's base, (n, 3)."""
+    mover: Integers
+    """(n, 2)."""
+    G: Array
+    """Speed along the frame per velocity of the mover, with its sign, (n, 2, 3, width)."""
+    Y: Array
+    """A^-1 G': velocity of the mover per impulse, (n, 2, 3, width)."""
+    D: Array
+    """Speed of the contact per impulse on it, (n, 3, 3)."""
+    bias: Array
+    """Least normal speed at the end of the step, (n,)."""
+    hard: Flags
+    """Impacts, (n,)."""
+    soft: Array
+    """Share of the bias that a normal impulse takes away, (n,)."""
+    impulse: Array
+    """Along the frame [N s], (n, 3)."""
+    old_key: Integers
+    old_impulse: Array
+
+
+NOBODY = -1_000_000
+
+
+class WorldTables(NamedTuple):
+    """All of a world but its arms."""
+
+    bodies: BodyTables
+    now: BodyRows
+    """At the start of the step."""
+    then: BodyRows
+    """At its end."""
+    movers: Movers
+    contacts: ContactTables
+    points: Array
+    """Scratch of `find`: points and directions, (N_POINTS, 3)."""
+    corners: Array
+    """Corners of a body, (8, 3)."""
+
+
+# Rows of `World.points`: ends of a piece and its tangents there, a point on it and its tangent, the normal of
+# a surface in the world and in the body, a point seen from a body, direction towards another body.
+P0, P1, T0, T1, HERE, TANGENT, OUT, LOCAL_OUT, LOCAL, TOWARDS, N_POINTS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
+
+
+@kernel
+def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[int, int]) -> Box:
+    """Return a `WorldTables` in a box; `sizes`: number of movers, width of a row."""
+    n, width = sizes
+    n_b = bodies.kind.shape[0]
+    most = MOST_CONTACTS
+    movers = Movers(
+        np.zeros((n, width)),
+        np.zeros((n, width)),
+        np.zeros((n, width)),
+        np.ones(n),
+        np.ones(n),
+        stiffness,
+        reach,
+    )
+    contacts = ContactTables(
+        np.zeros(2, dtype=np.int64),
+        np.zeros(most, dtype=np.int64),
+        np.zeros((most, 2), dtype=np.int64),
+        np.zeros((most, 2)),
+        np.zeros((most, 3)),
+        np.zeros((most, 3, 3)),
+        np.zeros(most),
+        np.zeros(most),
+        np.zeros(most),
+        np.zeros((most, 3)),
+        np.zeros((most, 2), dtype=np.int64),
+        np.zeros((most, 2, 3, width)),
+        np.zeros((most, 2, 3, width)),
+        np.zeros((most, 3, 3)),
+        np.zeros(most),
+        np.zeros(most, dtype=np.bool_),
+        np.zeros(most),
+        np.zeros((most, 3)),
+        np.zeros(most, dtype=np.int64),
+        np.zeros((most, 3)),
+    )
+    now = BodyRows(
+        np.zeros((n_b, 3)),
+        np.zeros((n_b, 3, 3)),
+        np.zeros((n_b, 6)),
+        np.zeros((n_b, 2)),
+    )
+    then = BodyRows(
+        np.zeros((n_b, 3)),
+        np.zeros((n_b, 3, 3)),
+        np.zeros((n_b, 6)),
+        np.zeros((n_b, 2)),
+    )
+    return Box(WorldTables(bodies, now, then, movers, contacts, np.zeros((N_POINTS, 3)), np.zeros((8, 3))))
+
+
+@kernel
+def box_no_arms(tables: NoArms) -> Box:
+    """Tables of a world without arms in a box."""
+    return Box(tables)
+
+
+@kernel
+def box_arms(tables: ArmTables) -> Box:
+    """Tables of arms in a box."""
+    return Box(tables)
+
+
+@kernel
+def address_in(box: Box) -> int:
+    """Address of what is in a box."""
+    return int(address_of(box))

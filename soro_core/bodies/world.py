@@ -1,0 +1,272 @@
+"""A world of arms and rigid bodies: what exists, checked, and its tables for the kernels."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from soro_core._box import Box
+from soro_core.arrays import Array, Integers
+from soro_core.bodies.body import RigidBody
+from soro_core.bodies.stepping.records import (
+    ABOUT_AXIS,
+    ARM,
+    AXIS,
+    DAMPER,
+    DRIVEN,
+    FREE,
+    HIGH,
+    HINGE_WIDTH,
+    HINGED,
+    LOW,
+    POINT,
+    SPRING,
+    ArmTables,
+    BodyRows,
+    BodyTables,
+    NoArms,
+    address_in,
+    box_arms,
+    box_no_arms,
+    make_world,
+)
+from soro_core.errors import ModelError, short
+from soro_core.integrate.base_motion import WIDTH, Base
+from soro_core.integrate.stepper import stepping
+from soro_core.model import SoftArm
+from soro_core.model.build import find_site
+from soro_core.model.checks import number, require
+from soro_core.model.tables import NoExternal
+from soro_core.robot import Robot
+from soro_core.robot.basis import radius_profile
+
+_EARTH = (0.0, 0.0, -9.81)
+
+
+@dataclass(frozen=True)
+class BodyWorld:
+    """Arms and rigid bodies that touch each other.
+
+    Attributes
+    ----------
+    bodies : mapping of str to RigidBody
+        By name.
+    arms : mapping of str to SoftArm
+        By name, each on the base of its robot file; not of the method `mde`. What a robot file has besides
+        (contacts, tip constraint) acts as without bodies.
+    q0 : mapping of str to (n_q,)
+        Coordinates of arms at the start; the others are straight.
+    gravity : (3,)
+        Of the bodies [m/s^2]; arms have their own.
+    stiffness : float
+        Normal force per depth at a contact [N/m]: surfaces are hard, this only keeps the forces unique.
+    points_per_link : int
+        Pieces of an arm's link, each of which touches a body at its nearest place.
+    reach : float
+        Distance from the origin beyond which a body has left the world [m].
+
+    Raises
+    ------
+    ModelError
+        If a value is not allowed.
+    """
+
+    bodies: Mapping[str, RigidBody]
+    arms: Mapping[str, SoftArm] = field(default_factory=dict)
+    q0: Mapping[str, ArrayLike] = field(default_factory=dict)
+    gravity: Sequence[float] = _EARTH
+    stiffness: float = 5e4
+    points_per_link: int = 6
+    reach: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name, body in self.bodies.items():
+            require(body, RigidBody, f"bodies: {name}", "a RigidBody")
+        for name, arm in self.arms.items():
+            require(arm, SoftArm, f"arms: {name}", "a SoftArm")
+            if arm.method != "exact":
+                raise ModelError(f"arms: {name}: method {arm.method!r}; allowed is 'exact'", name)
+        if not self.bodies:
+            raise ModelError("bodies: there is none; allowed are one or more", "bodies")
+        tendons = {bool(arm.robot.tendons) for arm in self.arms.values()}
+        if len(tendons) > 1:
+            raise ModelError("arms: some have tendons; allowed are tendons on all of them or on none", "arms")
+        for key, low, high in (("stiffness", 1.0, 1e9), ("points_per_link", 1, 200), ("reach", 0.0, 1e6)):
+            if not low <= number(getattr(self, key)) <= high:
+                raise ModelError(
+                    f"{key} = {short(getattr(self, key))}: allowed are numbers from {low:g} to {high:g}", key
+                )
+        if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
+            raise ModelError(f"gravity = {short(self.gravity)}: allowed are three numbers", "gravity")
+
+    def side_name(self, side: float, pieces: Sequence[str]) -> str:
+        """Return the name of one side of a contact.
+
+        Parameters
+        ----------
+        side : float
+            Body, or -1 - section.
+        pieces : sequence of str
+            Arm of each section.
+        """
+        k = int(side)
+        return f"body {list(self.bodies)[k]}" if k >= 0 else f"arm {pieces[-1 - k]}"
+
+
+@dataclass(frozen=True)
+class WorldBoxes:
+    """What `soro_core.bodies.stepping.step.world_run` takes of a world, and keeps alive."""
+
+    boxes: tuple[Box, Box, Box]
+    arms: tuple[SoftArm, ...]
+    """As they are computed: alike in what acts on them from outside."""
+    steppings: tuple[Box, ...]
+    first_q: Integers
+    first_z: Integers
+    first_u: Integers
+    radius: Array
+    piece_of: tuple[str, ...]
+    """Name of the arm of each section."""
+    failed: Integers
+    """The arm that has failed, (1,)."""
+
+
+def body_tables(world: BodyWorld) -> BodyTables:
+    """Return the tables of the bodies of a world."""
+    bodies = list(world.bodies.values())
+    extents = [body.shape.extents() for body in bodies]
+    hinge = np.zeros((len(bodies), HINGE_WIDTH))
+    for row, body in zip(hinge, bodies, strict=True):
+        if body.hinge is not None and body.mass is not None:
+            axis = np.array(body.hinge.axis) / np.linalg.norm(body.hinge.axis)
+            arm = np.array(body.position) - body.hinge.point
+            low, high = body.hinge.limits_rad or (-np.inf, np.inf)
+            own = axis @ (body.rotation * body.moments()) @ body.rotation.T @ axis
+            row[POINT : POINT + 3], row[AXIS : AXIS + 3], row[ARM : ARM + 3] = body.hinge.point, axis, arm
+            row[SPRING], row[DAMPER], row[LOW], row[HIGH] = (
+                body.hinge.stiffness,
+                body.hinge.damping,
+                low,
+                high,
+            )
+            row[ABOUT_AXIS] = own + body.mass * float(np.sum(np.cross(axis, arm) ** 2))
+    motions = [DRIVEN if one.fixed else HINGED if one.hinge is not None else FREE for one in bodies]
+    return BodyTables(
+        kind=np.array([kind for kind, _, _ in extents], dtype=np.int64),
+        size=np.array([size for _, size, _ in extents], dtype=np.float64),
+        bound=np.array([bound for _, _, bound in extents], dtype=np.float64),
+        mass=np.array([one.mass or 1.0 for one in bodies], dtype=np.float64),
+        inertia=np.array([one.moments() for one in bodies]),
+        motion=np.array(motions, dtype=np.int64),
+        hinge=hinge,
+        at_zero=np.array([one.rotation for one in bodies]),
+        friction=np.array([one.friction for one in bodies], dtype=np.float64),
+        restitution=np.array([one.restitution for one in bodies], dtype=np.float64),
+        gravity=np.array(world.gravity, dtype=np.float64),
+    )
+
+
+def first_rows(world: BodyWorld, n: int) -> BodyRows:
+    """Return rows of n times for the bodies, of which the first is set."""
+    bodies = list(world.bodies.values())
+    shape = (n, len(bodies))
+    rows = BodyRows(
+        np.zeros((*shape, 3)), np.zeros((*shape, 3, 3)), np.zeros((*shape, 6)), np.zeros((*shape, 2))
+    )
+    for b, one in enumerate(bodies):
+        rows.place[0, b], rows.rotation[0, b] = one.position, one.rotation
+        rows.twist[0, b] = (*one.angular_velocity, *one.velocity)
+    return rows
+
+
+def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
+    """Build tables and workspace of a world, for one thread.
+
+    Parameters
+    ----------
+    world : BodyWorld
+    bases : mapping of str to callable
+        Motions of the bases of arms by name, as of `simulate`.
+    """
+    arms = _alike(tuple(world.arms.values()))
+    n_b = len(world.bodies)
+    width = max([6, *(arm.n_q for arm in arms)])
+    box = make_world(body_tables(world), float(world.stiffness), float(world.reach), (len(arms) + n_b, width))
+    wider = WIDTH if bases else 0
+    counts = [[0, arm.n_q, arm.n_internal, arm.n_u + wider] for arm in arms]
+    first = np.cumsum([[0, 0, 0, 0], *counts], axis=0).astype(np.int64)
+    if not arms:
+        nothing, none = box_no_arms(NoArms(0)), np.zeros(1, dtype=np.int64)
+        return WorldBoxes((box, nothing, nothing), (), (), none, none, none, np.zeros(0), (), none)
+    boxes = tuple(stepping(arm, base=bases.get(name)) for name, arm in zip(world.arms, arms, strict=True))
+    sites, radius, first_site = [], [], [0]
+    for arm in arms:
+        for s in _sections(arm.robot, int(world.points_per_link)):
+            site = find_site(arm.robot, arm.tables, s)
+            sites.append(site)
+            link = arm.robot.links[site.link]
+            radius.append(radius_profile(link, np.array([site.place / link.length]))[0])
+        first_site.append(len(sites))
+    n = len(sites)
+    shape = np.zeros((n, width, 2))
+    for k, site in enumerate(sites):
+        shape[k, : len(site.shape)] = site.shape
+    tables = ArmTables(
+        address=np.array([address_in(one) for one in boxes], dtype=np.int64),
+        first_q=first[:, 1],
+        first_z=first[:, 2],
+        first_u=first[:, 3],
+        first_site=np.array(first_site, dtype=np.int64),
+        link=np.array([site.link for site in sites], dtype=np.int64),
+        place=np.array([site.place for site in sites], dtype=np.float64),
+        whole=np.array([site.whole for site in sites], dtype=np.int64),
+        step=np.array([site.step for site in sites], dtype=np.float64),
+        shape=shape,
+        rest=np.array([site.rest for site in sites], dtype=np.float64),
+        radius=np.array(radius, dtype=np.float64),
+        R=np.zeros((n, 3, 3)),
+        p=np.zeros((n, 3)),
+        columns=np.zeros((n, width, 6)),
+        residual=np.zeros((len(arms), width)),
+        change=np.zeros(len(arms)),
+        failed=np.zeros(1, dtype=np.int64),
+        no_wrench=np.zeros(6 * (1 + max(len(arm.robot.wrench_places) for arm in arms))),
+        base_twist=np.zeros((len(arms), 6)),
+        base_place=np.zeros((len(arms), 3)),
+    )
+    names = tuple(name for name, k in zip(world.arms, np.diff(first_site), strict=True) for _ in range(k))
+    return WorldBoxes(
+        (box, box_arms(tables), boxes[0]),
+        arms,
+        boxes,
+        first[:, 1],
+        first[:, 2],
+        first[:, 3],
+        tables.radius,
+        names,
+        tables.failed,
+    )
+
+
+def _sections(robot: Robot, n: int) -> list[float]:
+    """Places [m] between which an arm has n pieces a link, of the original links where it is refined."""
+    places, start = [0.0], 0.0
+    for first in range(0, len(robot.links), robot.refinement):
+        length = sum(link.length for link in robot.links[first : first + robot.refinement])
+        places += [start + length * (k + 1) / n for k in range(n)]
+        start += length
+    return places
+
+
+def _alike(arms: tuple[SoftArm, ...]) -> tuple[SoftArm, ...]:
+    """Return arms whose tables are of one type: those without anything from outside get a place for it."""
+    bare = [isinstance(arm.tables.external, NoExternal) for arm in arms]
+    if all(bare) or not any(bare):
+        return arms
+    return tuple(
+        SoftArm(arm.robot.replace(wrench_places=[arm.length]), nodes=arm.nodes) if without else arm
+        for arm, without in zip(arms, bare, strict=True)
+    )

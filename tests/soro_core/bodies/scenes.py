@@ -1,0 +1,64 @@
+"""Worlds of the tests: fingers on one base around an object on a table that is lowered."""
+
+import numpy as np
+
+from soro_core import BaseState, SoftArm, load_robot
+from soro_core.bodies import BallShape, BodyWorld, BoxShape, GroundShape, RigidBody, simulate_world
+
+WEIGHT = 9.81
+MASS = 0.03
+
+
+def tilt(deg):
+    """Quaternion of a rotation about y."""
+    return [0.0, float(np.sin(np.deg2rad(deg) / 2)), 0.0, float(np.cos(np.deg2rad(deg) / 2))]
+
+
+def ground(deg=0.0, **keys):
+    return RigidBody(shape=GroundShape(), fixed=True, quaternion=tilt(deg), **keys)
+
+
+def fingers(n=3, radius=0.035, **changes):
+    base, arms = load_robot("config/robots/tue_three_bellow.yaml"), {}
+    for k in range(n):
+        a = 2.0 * np.pi * k / n
+        arms[f"finger{k}"] = SoftArm(
+            base.replace(
+                name=f"finger{k}",
+                base_quaternion=[float(np.cos(a / 2)), float(np.sin(a / 2)), 0.0, 0.0],
+                base_position=[float(radius * np.cos(a)), float(radius * np.sin(a)), 0.0],
+                **changes,
+            )
+        )
+    return arms
+
+
+def grip(shape=None, arms=None, friction=0.8, **keys):
+    """Three fingers around an object at z = -60 mm, and a table below it."""
+    shape = shape or BallShape(radius=0.016)
+    half = shape.radius if isinstance(shape, BallShape) else 0.5 * shape.length
+    return BodyWorld(
+        {
+            "object": RigidBody(shape=shape, mass=MASS, position=[0.0, 0.0, -0.06], friction=friction),
+            "table": RigidBody(
+                shape=BoxShape(size=[0.02] * 3), fixed=True, position=[0.0, 0.0, -0.07 - half]
+            ),
+        },
+        fingers() if arms is None else arms,
+        **keys,
+    )
+
+
+def lowered(t):
+    """A table that sinks from 1 s on by 20 mm/s."""
+    return BaseState(displacement=[0.0, 0.0, -0.02 * min(max(t - 1.0, 0.0), 2.0)])
+
+
+def close(world, pressure=60e3):
+    """Pressures that close all fingers within 0.6 s."""
+    return {name: lambda t: np.array([pressure * min(t / 0.6, 1.0), 0.0, 0.0]) for name in world.arms}
+
+
+def grasp(world, t_end=2.0, dt=1e-3, **inputs):
+    motions = {"table": lowered, **inputs.pop("motions", {})}
+    return simulate_world(world, t_end=t_end, dt=dt, pressures=close(world), motions=motions, **inputs)

@@ -91,12 +91,13 @@ def draw_error(axis: Any, shown: film.Take) -> None:
 def draw(scene: Scene, run_folder: Path) -> None:
     """Draw the arm of a run, the path of its tip, and its error or its pressures, small enough for a page."""
     file, bag = PICTURES / f"{scene.name}.png", run_folder / "bag"
-    shown = film.take(bag, scene, 0.0, scene.duration_s, 10.0)
-    arm = film.AnimatedFigure(shown, 800).at(len(shown.t) - 1)
+    shown, *others = (film.take(bag, arm, 0.0, scene.duration_s, 10.0) for arm in scene.each)
+    pictures = [film.AnimatedFigure(one, 800).at(len(one.t) - 1) for one in (shown, *others)]
+    beside = np.hstack([one[:, : int(ARM_PART * one.shape[1])] for one in pictures])
     figure = plt.figure(figsize=(12.0, 3.8), layout="constrained")
     left, right = figure.subfigures(1, 2, width_ratios=(1.0, 2.0))
     drawn, axes = left.add_axes((0.0, 0.0, 1.0, 1.0)), right.subplots(1, 2)
-    drawn.imshow(arm[:, : int(ARM_PART * arm.shape[1])])
+    drawn.imshow(beside)
     drawn.axis("off")
     wanted = report.within(shown.recording.wanted_tip, scene.duration_s).value
     across = np.ptp(wanted[:, :2], axis=0)
@@ -126,9 +127,11 @@ def section(scene: Scene, figures: dict[str, Any]) -> str:
     """Return the part of the page on one scene."""
     what = f"{scene.description[0].upper()}{scene.description[1:]}."
     result = f"Ends as `{figures['verdict']}`"
-    error = figures["tip_error_last_rms_m"]
-    if figures["verdict"] == "good" and error is not None:
-        part = error / scene.loaded_robot.length
+    arms = figures.get("arms", {"": figures})
+    errors = [one.get("tip_error_last_rms_m") for one in arms.values()]
+    if figures["verdict"] == "good" and None not in errors:
+        error = max(errors)
+        part = error / scene.each[errors.index(error)].loaded_robot.length
         result += f"; tip error in the last 5 s {1e3 * error:.2f} mm RMS, {part:.1%} of the length"
     elif figures["reason"]:
         result += f": {figures['reason']}"

@@ -13,11 +13,11 @@ from pydantic import Field, field_validator, model_validator
 
 from soro_core.config import Strict, parse, with_changes, with_renamed
 from soro_core.pneumatics.regulator import RegulatorModel
-from soro_core.safety import Limits, Rating, for_regulators
+from soro_core.safety import Limits, Rating, for_regulators, parts_of
 from soro_hardware.port import Regulator
 from soro_hardware.transport.tcp import TcpTransport
 
-_CHAMBER = re.compile(r"link\d+/chamber\d+")
+_CHAMBER = re.compile(r"([a-z][a-z0-9_]*/)?link\d+/chamber\d+")
 
 Value = TypeVar("Value")
 
@@ -28,13 +28,16 @@ IN_TURN = 0.9
 class ValveBase(Strict):
     """One regulator with its chamber; each family adds the address on its bus."""
 
-    chamber: str = Field(description="name of the chamber, for example link0/chamber0")
+    chamber: str = Field(
+        description="name of the chamber, link0/chamber0; where the valves feed several arms, "
+        "left/link0/chamber0"
+    )
 
     @field_validator("chamber")
     @classmethod
     def _named(cls, value: str) -> str:
         if not _CHAMBER.fullmatch(value):
-            raise ValueError("a name of the form link0/chamber0")
+            raise ValueError("a name of the form link0/chamber0, or left/link0/chamber0 with that of an arm")
         return value
 
 
@@ -85,7 +88,7 @@ class Freshness(Strict):
 
 
 class PlatformBase(Strict):
-    """Hardware of one arm, for all families.
+    """Hardware of one arm, or of several that share it, for all families.
 
     Attributes
     ----------
@@ -139,6 +142,8 @@ class PlatformBase(Strict):
     @model_validator(mode="after")
     def _each_chamber_once(self) -> Self:
         require_once("valves: each chamber", self.chamber_names)
+        if len({name.count("/") for name in self.chamber_names}) > 1:
+            raise ValueError("valves: the name of an arm in front of each chamber, or of none")
         return self
 
     @model_validator(mode="after")
@@ -152,6 +157,11 @@ class PlatformBase(Strict):
     def chamber_names(self) -> tuple[str, ...]:
         """Names of the chambers, in the order of every array."""
         return tuple(valve.chamber for valve in self.valves)
+
+    @property
+    def arms(self) -> tuple[str, ...]:
+        """Names of the arms that share the valves; empty where they feed one, which has no name here."""
+        return tuple(filter(None, parts_of(self.chamber_names)))
 
     @property
     def update_hz(self) -> float:

@@ -23,3 +23,22 @@ def is_requested(message: str) -> bool:
 def add_prefix(prefix: str, text: str) -> str:
     """Return a text that begins with one of the words above, once; an empty one stays empty."""
     return text if not text or text.startswith(prefix) else f"{prefix}: {text}"
+
+
+def node_of(name: str, prefix: str) -> str | None:
+    """Return the name of a node of an arm from its full one; None for a node of another arm.
+
+    What arms share, such as the regulators of their valves, has its node in the namespace around theirs.
+
+    Parameters
+    ----------
+    name : str
+        Full name of the node.
+    prefix : str
+        Namespace of the arm, with a slash at both ends.
+    """
+    around = prefix.rstrip("/").rpartition("/")[0]
+    if name.startswith(prefix):
+        return name.removeprefix(prefix)
+    is_shared = bool(around) and name.rpartition("/")[0] == around
+    return name.rpartition("/")[2] if is_shared else None

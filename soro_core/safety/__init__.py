@@ -30,12 +30,13 @@ from soro_core.safety.limits import (
 )
 from soro_core.safety.monitor_state import MonitorState
 from soro_core.safety.names import Names, note_message
-from soro_core.safety.state import SafetyState, initial_state
-from soro_core.safety.stateful import Limiter
+from soro_core.safety.state import SafetyState, initial_state, parts_of
+from soro_core.safety.stateful import ArmLimiter, Limiter
 from soro_core.safety.stop import StopState, hear, why_stopped
 
 __all__ = [
     "HARD_LIMIT_PA",
+    "ArmLimiter",
     "Limiter",
     "Limits",
     "MonitorState",
@@ -54,6 +55,7 @@ __all__ = [
     "narrowed",
     "note_message",
     "offer",
+    "parts_of",
     "rating_of",
     "request_vent",
     "reset",

@@ -8,6 +8,7 @@ import numpy as np
 
 from soro_core.arrays import Array, Flags
 from soro_core.pneumatics.regulator import RegulatorModel
+from soro_core.safety import shares
 from soro_core.safety.limits import Limits
 from soro_core.safety.monitor_state import chamber
 from soro_core.safety.monitors import broken_wire, watch
@@ -106,7 +107,10 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
     age = (now_ns - state.command_ns) * 1e-9
     if not 0.0 <= age <= limits.command_age_s:  # below 0 it would be in force until the clock is there again
         state = state._replace(cycle_ns=now_ns)
-        found = f"last one {age * 1e3:.0f} ms old" if age > 0.0 else f"the clock went back by {-age:.3f} s"
+        of = "".join({f" of {one.arm}" for one in state.shares if one.command_ns == state.command_ns})
+        found = f"last one{of} {age * 1e3:.0f} ms old"
+        if age <= 0.0:
+            found = f"the clock went back by {-age:.3f} s"
         return trip(state, f"command lost: {found}")
     # After a stall longer than the watchdog, the set points move no further than in one watchdog time.
     dt = min(dt, limits.command_age_s)
@@ -256,7 +260,7 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
     live = state.command_ns is not None and (now_ns - state.command_ns) * 1e-9 <= limits.command_age_s
     if np.any(state.command_pa != 0.0):
         asks = "still asks" if live else "asked last"
-        return state, f"{state.command_source} {asks} for pressure: {MUST_BE_ZERO}"
+        return state, f"{shares.commands_of(state)} {asks} for pressure: {MUST_BE_ZERO}"
     if state.kept is not None:
         return state, state.kept
     if state.standing is not None:
@@ -269,6 +273,7 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
             command_source=state.command_source,
             cycle_ns=state.cycle_ns,
             rejected=state.rejected,
+            shares=shares.kept(state.shares, now_ns - round(1e9 * limits.command_age_s)),
         ),
         None,
     )

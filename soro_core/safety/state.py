@@ -15,6 +15,26 @@ from soro_core.safety.vent_check import VentCheck, initial_check
 MUST_BE_ZERO = "the command must be zero"
 
 
+class Share(NamedTuple):
+    """What one of several arms behind a limiter commands: its chambers, and its last accepted command.
+
+    Attributes
+    ----------
+    arm : str
+        Its name, which stands before those of its chambers: ``left/link0/chamber0``.
+    columns : tuple of int
+        Numbers of its chambers.
+    command_ns, command_stamp_ns, command_source
+        As those of `SafetyState`, for this arm alone.
+    """
+
+    arm: str
+    columns: tuple[int, ...]
+    command_ns: int | None = None
+    command_stamp_ns: int = 0
+    command_source: str = ""
+
+
 class SafetyState(NamedTuple):
     """State of the limiter for `n` chambers; times are nanoseconds of one clock.
 
@@ -45,6 +65,9 @@ class SafetyState(NamedTuple):
         First fault that tripped the limiter, or was found while it was vented for another cause.
     standing : str or None
         Fault of the last cycle of a latched limiter; None when it is over.
+    shares : tuple of Share
+        Of several arms what each commands; the command of the state is then that of all, as old as the oldest
+        of them. Empty for one arm.
     """
 
     setpoint_pa: Array
@@ -61,6 +84,7 @@ class SafetyState(NamedTuple):
     cause: str | None = None
     fault: str | None = None
     standing: str | None = None
+    shares: tuple[Share, ...] = ()
 
     @property
     def vented(self) -> bool:
@@ -90,10 +114,19 @@ class SafetyState(NamedTuple):
         return "; ".join(filter(None, (self.causes, self.not_vented))) or None
 
 
+def parts_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the arms of chambers by their names, ``left/link0/chamber0``; "" for chambers without one."""
+    return tuple(dict.fromkeys(name.rpartition("/link")[0] for name in names))
+
+
 def initial_state(n: int, names: Sequence[str] = ()) -> SafetyState:
     """Return the state of `n` chambers before the first command; causes use `names` if they are given."""
     monitors = initial_monitors(n, names)
-    return SafetyState(np.zeros(n), np.zeros(n), monitors, initial_check(n), {})
+    arms = [name.rpartition("/link")[0] for name in names]
+    shares = tuple(
+        Share(arm, tuple(k for k, other in enumerate(arms) if other == arm)) for arm in parts_of(names) if arm
+    )
+    return SafetyState(np.zeros(n), np.zeros(n), monitors, initial_check(n), {}, shares=shares)
 
 
 def count_refusal(state: SafetyState, refusal: str) -> SafetyState:

@@ -1,4 +1,4 @@
-"""The limiter of one arm with its state, for a loop that commands pressures."""
+"""The limiter of one platform with its state, for a loop that commands pressures."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from soro_core.arrays import Array, Flags
 from soro_core.config import with_changes
 from soro_core.pneumatics.regulator import RegulatorModel
-from soro_core.safety import limiter
+from soro_core.safety import limiter, shares
 from soro_core.safety.limits import NARROWED, Limits
-from soro_core.safety.state import initial_state
+from soro_core.safety.state import SafetyState, Share, initial_state
 
 
 class Limiter:
@@ -28,6 +28,8 @@ class Limiter:
     ----------
     state : SafetyState
         State of limiter, monitors and latch.
+    columns : slice
+        Numbers of its chambers: all.
     why_stopped : callable
         Returns why an emergency stop demands a vent, or None; a loop that reads one sets it. The limiter asks
         at the begin of every cycle.
@@ -37,9 +39,13 @@ class Limiter:
         self, limits: Limits, names: Sequence[str], response: RegulatorModel = limiter.TYPICAL
     ) -> None:
         self.limits, self.names, self._response = limits, tuple(names), response
-        self._range = limits
+        self._range, self.columns = limits, slice(None)
         self.why_stopped: Callable[[], str | None] = lambda: None
         self.state = initial_state(len(self.names), self.names)
+
+    def of_arms(self) -> dict[str, Limiter | ArmLimiter]:
+        """Return what each arm commands by its name: this limiter, as "", where there is one alone."""
+        return {one.arm: ArmLimiter(self, k) for k, one in enumerate(self.state.shares)} or {"": self}
 
     @property
     def cause(self) -> str | None:
@@ -115,3 +121,46 @@ class Limiter:
             return why
         self.state, refusal = limiter.reset(self.limits, self.state, now_ns())
         return refusal
+
+
+class ArmLimiter:
+    """The chambers of one of several arms in a limiter, whose latch they share.
+
+    Parameters
+    ----------
+    whole : Limiter
+    number : int
+        Of the arm's `Share`.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Names of its chambers, without that of the arm.
+    columns : list of int
+        Their numbers in the limiter.
+    """
+
+    def __init__(self, whole: Limiter, number: int) -> None:
+        self._whole, self._number = whole, number
+        arm, self.columns = self._share.arm, list(self._share.columns)
+        self.names = tuple(whole.names[k].removeprefix(f"{arm}/") for k in self.columns)
+
+    @property
+    def _share(self) -> Share:
+        return self._whole.state.shares[self._number]
+
+    @property
+    def state(self) -> SafetyState:
+        """State of the limiter, with the chambers and the command of this arm."""
+        return shares.of_arm(self._whole.state, self._share)
+
+    def offer(self, command_pa: Array, stamp_ns: int, now_ns: int, source: str = "command") -> str | None:
+        """Accept set points of this arm and return None, or the reason of a refusal."""
+        own, refusal = limiter.offer(self._whole.limits, self.state, command_pa, stamp_ns, now_ns, source)
+        self._whole.state = shares.with_command(self._whole.state, self._share, own)
+        return refusal
+
+    def doubt(self, reason: str, source: str) -> None:
+        """Refuse a command of a name that two publishers may use, and hold the set points of this arm."""
+        own = limiter.doubt(self.state, reason, source)
+        self._whole.state = shares.with_command(self._whole.state, self._share, own)

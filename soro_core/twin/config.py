@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
@@ -187,6 +187,10 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
         description="lockstep: longest time behind duration_s until the arm rests with empty chambers",
     )
     plant_link: str = Field("", description="socket of the emulated valves, for pressures: valves")
+    plant_chambers: Annotated[tuple[int, ...], Field(strict=False)] = Field(
+        (),
+        description="which of the emulated valves feed the chambers, by number; empty: all, in their order",
+    )
     fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
     priority: Priority = 10
 
@@ -194,6 +198,8 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
     def _used(self) -> TwinConfig:
         if self.air == "states" and self.pressures == "measured":
             raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
+        if self.air == "states" and self.plant_chambers:
+            raise ValueError("air: lag beside valves that other arms share, or that have another order")
         return self
 
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 import yaml
 
-from soro_lab.scene import check_gains, load_scene
+from soro_lab.scene import check_gains, load_scene, require_one_arm
 from soro_lab.scene.options import Change, SceneName, given_keys
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def gains(
     """
     from soro_lab.scene.loop import loop_of
 
-    loaded = load_scene(scene, given_keys(change or []))
+    loaded = require_one_arm(load_scene(scene, given_keys(change or [])), scene)
     check_gains(loaded, loaded.loaded_robot, scene)
     typer.echo(yaml.safe_dump(used_values(loop_of(loaded)), sort_keys=False), nl=False)
 

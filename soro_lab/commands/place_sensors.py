@@ -69,7 +69,7 @@ def place_sensors(
     from soro_lab.analysis.sensor_picture import draw
     from soro_lab.analysis.sensor_report import as_dict, best_line, scene_block, step_rows
     from soro_lab.analysis.sensors import KINDS
-    from soro_lab.scene import Scene, load_scene
+    from soro_lab.scene import Scene, load_scene, require_one_arm
 
     names = tuple(name.strip() for name in kinds.split(","))
     odd = [name for name in names if name not in KINDS or names.count(name) > 1]
@@ -90,7 +90,7 @@ def place_sensors(
             raise ConfigError(_WHERE, "--set", change[0], "none without --scene")
         loaded, time_s = parse(changes, Scene, _WHERE), 0.0
     else:
-        loaded = load_scene(scene, changes)
+        loaded = require_one_arm(load_scene(scene, changes), scene)
         time_s = min(loaded.duration_s, _SECONDS) if seconds is None else seconds
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())

@@ -125,11 +125,11 @@ def trade(
 def _requirement(name: str, error: str, budget_s: float, rate_hz: float) -> tuple[Scene | None, Requirement]:
     """Return the scene, if there is one, and the requirement; raises ConfigError."""
     from soro_core.config import parse
-    from soro_lab.scene import Requirement, load_scene
+    from soro_lab.scene import Requirement, load_scene, require_one_arm
 
     options: dict[str, Any] = {"error": error, "budget_us": 1e6 * budget_s, "rate_hz": rate_hz}
     requirement = parse(options, Requirement, where="soro trade")
-    loaded = load_scene(name) if _is_scene(name) else None
+    loaded = require_one_arm(load_scene(name), name) if _is_scene(name) else None
     if not requirement.given:
         section = None if loaded is None else loaded.model
         requirement = section.requirement if section is not None and section.auto else Requirement(error="1%")

@@ -35,6 +35,10 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     ConfigError
         One line with file, key, what was found and what is allowed.
     """
+    if scene.arms:
+        _check_arms(scene, where)
+        arms = [(arm, check_scene(arm, _place(where, arm))) for arm in scene.each]
+        return [f"{arm.prefix}{line}" for arm, lines in arms for line in lines]
     check_plant(scene, where)
     late = [fault for fault in scene.faults if fault.at >= scene.duration_s]
     return [
@@ -42,6 +46,47 @@ def check_scene(scene: Scene, where: str) -> list[str]:
         *(f"{fault} at {fault.at:g} s: the run ends at {scene.duration_s:g} s" for fault in late),
         *(f"controller.{line}" for line in scene.controller_node().known_pressures(scene.loaded_platform)[1]),
     ]
+
+
+def arm_of(scene: Scene, wanted: str | None, where: str) -> Scene:
+    """Return the scene of one arm by its name, ``left`` or ``hand/left``; a scene of one arm as it is.
+
+    Parameters
+    ----------
+    scene : Scene
+    wanted : str or None
+    where : str
+        What the error names.
+
+    Raises
+    ------
+    ConfigError
+        If there are several, and none of them has the name.
+    """
+    found = [arm for arm in scene.each if (wanted or "").strip("/") in (arm.name, arm.prefix.rstrip("/"))]
+    if scene.arms and not found:
+        raise ConfigError(where, "arm", wanted or "nothing", f"one of {', '.join(scene.arms)}")
+    return found[0] if scene.arms else scene
+
+
+def require_one_arm(scene: Scene, where: str) -> Scene:
+    """Return a scene of one arm.
+
+    Parameters
+    ----------
+    scene : Scene
+    where : str
+        File of the scene, for the error.
+
+    Raises
+    ------
+    ConfigError
+        If it has several arms.
+    """
+    if scene.arms:
+        allowed = "a scene of one arm: only soro run, view, plot, report and bag know several"
+        raise ConfigError(where, "arms", ", ".join(scene.arms), allowed)
+    return scene
 
 
 def check_plant(scene: Scene, where: str) -> None:
@@ -168,15 +213,49 @@ def check_gains(scene: Scene, robot: Robot, where: str) -> str:
 
 def _check_platform(scene: Scene, platform: PlatformBase, robot: Robot) -> None:
     platform = platform.at_rate(scene.rate_hz)
-    if scene.valves == "real" and not (scene.device or platform.device):
+    if scene.valves == "real" and not scene.own_device:
         allowed = f"--device, or {platform.where_device} in the platform file: where the valves are"
         raise ConfigError(scene.platform, "device", "", allowed)
-    fed, has = platform.chamber_names, robot.chamber_names
+    if not scene.prefix or not scene.is_shared:  # those of several arms `_check_arms` compares
+        _check_chambers(scene, platform, robot.chamber_names, f"robot {scene.robot}")
+
+
+def _check_chambers(scene: Scene, platform: PlatformBase, has: tuple[str, ...], whose: str) -> None:
+    """Refuse a platform that does not have one valve for each chamber."""
+    fed = platform.chamber_names
     if set(fed) != set(has):
-        other = [f"{name}, which the robot does not have" for name in fed if name not in has]
+        other = [f"{name}, which {whose} does not have" for name in fed if name not in has]
         other += [f"no {name}" for name in has if name not in fed]
-        allowed = f"one valve for each chamber of robot {scene.robot}: {', '.join(has)}"
+        allowed = f"one valve for each chamber of {whose}: {', '.join(has)}"
         raise ConfigError(scene.platform, "valves", f"{len(fed)} valves: {other[0]}", allowed)
+
+
+def _check_arms(scene: Scene, where: str) -> None:
+    """Refuse arms that do not fit the platform that they share, or have one device twice."""
+    shared = [arm for arm in scene.each if arm.is_shared]
+    for arm in shared:
+        if arm.platform != scene.platform:
+            allowed = f"that of the scene, {scene.platform or 'none'}, or a platform of one arm"
+            raise ConfigError(_place(where, arm), "platform", arm.platform, allowed)
+        if arm.twin.air == "states":
+            allowed = "lag, with a platform that several arms share"
+            raise ConfigError(_place(where, arm), "twin.air", arm.twin.air, allowed)
+    if shared and scene.loaded_platform is not None:
+        has = tuple(f"{arm.prefix}{name}" for arm in shared for name in arm.loaded_robot.chamber_names)
+        group = ", ".join(arm.prefix.rstrip("/") for arm in shared)
+        _check_chambers(scene, scene.loaded_platform, has, f"the group {group}")
+    devices: dict[str, Scene] = {}
+    for one in scene.platforms if scene.valves == "real" else ():
+        device = one.own_device
+        if device in devices:
+            allowed = f"another one than {devices[device].prefix or 'the scene'} has: its valves are its own"
+            raise ConfigError(_place(where, one), "device", device, allowed)
+        devices[device] = one
+
+
+def _place(where: str, arm: Scene) -> str:
+    """Return the place of an arm in a file, for errors."""
+    return f"{where}: arms.{arm.prefix.rstrip('/')}" if arm.prefix else where
 
 
 def _check_air(integrator: str, robot: Robot, where: str) -> None:

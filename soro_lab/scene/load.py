@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,11 +12,11 @@ from soro_core.control.laws.registry import with_folder
 from soro_core.errors import ConfigError
 from soro_core.safety import check_rating, rating_of
 from soro_lab.scene.limits import default_limits
-from soro_lab.scene.scene import Scene
+from soro_lab.scene.scene import OF_RUN, Scene
 
-# Keys of a scene that name files.
-_FILES = ("robot", "platform", "controller")
 _TEXTS = ("name", "description", "platform")
+# What a namespace of ROS may be called.
+_ARM = re.compile(r"[a-z][a-z0-9_]*")
 
 
 def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene:
@@ -30,44 +31,106 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     """
     path = find_config(name, "scenes")
     data = read_yaml(path)
-    data |= {key: _beside(path.parent, data[key]) for key in _FILES if key in data}
-    if isinstance(twin := data.get("twin"), dict) and "plant" in twin:
-        data["twin"] = twin | {"plant": _beside(path.parent, twin["plant"])}
-    _read_controller(data, path.parent)
+    _find_files(data, path.parent)
     for key, value in (changes or {}).items():
         _set(data, key, value, str(path))
-        _read_controller(data, Path())
+        _find_files(data, Path())
     # A text without a value, `platform:`, is none.
     data = {key: value for key, value in data.items() if value is not None or key not in _TEXTS}
     data.setdefault("name", path.stem)
-    scene = parse(data, Scene, where=str(path))
+    if "/" in str(data["name"]):
+        raise ConfigError(str(path), "name", data["name"], "lower-case letters, digits and _")
+    if data.get("arms"):
+        return _of_arms(data, str(path))
+    return _of_one_arm(data, str(path))
+
+
+def _of_one_arm(data: dict[str, Any], where: str) -> Scene:
+    """Return the scene of an arm, with what follows from its robot and its platform."""
+    scene = parse(data, Scene, where=where)
     platform = scene.loaded_platform
     if scene.twin.regulator is not None:  # written, a part of its keys is all of them
         scene = scene.with_twin(with_changes(scene.twin, regulator=scene.regulator))
-    scene = scene.with_limits(default_limits(scene, str(path)))
+    scene = scene.with_limits(default_limits(scene, where))
     rating = platform.rating if platform else rating_of(scene.loaded_robot.pressure_range_pa)
-    check_rating(scene.limits, rating, where=str(path))
+    check_rating(scene.limits, rating, where=where)
     for number, fault in enumerate(scene.faults):
         if platform and fault.chamber and fault.chamber not in platform.chamber_names:
             allowed = f"one of {', '.join(platform.chamber_names)}"
-            raise ConfigError(str(path), f"faults[{number}].chamber", fault.chamber, allowed)
+            raise ConfigError(where, f"faults[{number}].chamber", fault.chamber, allowed)
     return scene
 
 
-def _beside(folder: Path, name: Any) -> Any:
-    """Return the path of a file in a folder by its name there; any other value as it is."""
-    if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
-        return str((folder / name).absolute())
-    return name
+def _of_arms(data: dict[str, Any], where: str) -> Scene:
+    """Return a scene of several arms: each has the keys of the scene where it states none of its own.
+
+    The arms on one platform have its limits in common: the range that all of them allow.
+    """
+    own = data.pop("arms")
+    if not isinstance(own, dict):
+        raise ConfigError(where, "arms", own, "a mapping of names to what each arm has of its own")
+    whole = parse(data, Scene, where=where)
+    arms: dict[str, Scene] = {}
+    for number, (name, stated) in enumerate(own.items()):
+        keys: dict[str, Any] = {} if stated is None else stated
+        key = f"arms.{name}"
+        if not (isinstance(name, str) and _ARM.fullmatch(name)):
+            raise ConfigError(where, "arms", name, "names of lower-case letters, digits and _")
+        if not isinstance(keys, dict):
+            raise ConfigError(where, key, keys, "a mapping of keys, or nothing")
+        if foreign := [one for one in OF_RUN if one in keys]:
+            allowed = "at the top of the scene, for all arms"
+            raise ConfigError(where, f"{key}.{foreign[0]}", keys[foreign[0]], allowed)
+        # The noise of one arm is not that of another.
+        given: dict[str, Any] = {"seed": whole.seed + number, **keys}
+        merged = _merged(data, given)
+        arms[name] = _of_one_arm(merged | {"name": f"{whole.name}/{name}"}, f"{where}: {key}")
+        if arms[name].is_shared and "limits" in keys:
+            allowed = "at the top of the scene, for all arms of the platform"
+            raise ConfigError(where, f"{key}.limits", keys["limits"], allowed)
+    shared = [arm.limits for arm in arms.values() if arm.is_shared]
+    if shared:
+        low, high = max(one.minimum_pa for one in shared), min(one.maximum_pa for one in shared)
+        limits = with_changes(shared[0], minimum_pa=low, maximum_pa=high)
+        arms = {name: arm.with_limits(limits) if arm.is_shared else arm for name, arm in arms.items()}
+        whole = whole.with_limits(limits)
+    return whole.with_arms(arms)
 
 
-def _read_controller(data: dict[str, Any], folder: Path) -> None:
-    """Replace the name of a controller file by its content; find the file of a law beside what names it."""
+def _merged(keys: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """Return keys with own ones in their place, section by section; one with a `kind` stands alone."""
+
+    def value(key: str) -> Any:
+        before, after = keys.get(key), own[key]
+        if isinstance(before, dict) and isinstance(after, dict) and "kind" not in after:
+            return _merged(before, after)
+        return after
+
+    return keys | {key: value(key) for key in own}
+
+
+def _find_files(data: dict[str, Any], folder: Path) -> None:
+    """Find the files that a scene or one of its arms names in a folder; read that of the controller.
+
+    The file of a law stands beside the file that names it.
+    """
+    twin: Any = data.get("twin")
+    if isinstance(twin, dict):
+        data["twin"] = twin = dict(twin)
+    for section, key in ((data, "robot"), (data, "platform"), (data, "controller"), (twin, "plant")):
+        name = section.get(key) if isinstance(section, dict) else None
+        if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
+            section[key] = str((folder / name).absolute())
+    beside = folder
     if isinstance(name := data.get("controller"), str):
         file = find_config(name, "controllers")
-        data["controller"], folder = read_yaml(file), file.parent
+        data["controller"], beside = read_yaml(file), file.parent
     if isinstance(control := data.get("controller"), dict) and isinstance(law := control.get("law"), str):
-        data["controller"] = control | {"law": with_folder(law, folder)}
+        data["controller"] = control | {"law": with_folder(law, beside)}
+    arms = data.get("arms")
+    for keys in arms.values() if isinstance(arms, dict) else ():
+        if isinstance(keys, dict):
+            _find_files(keys, folder)
 
 
 def _set(data: dict[str, Any], key: str, value: Any, where: str) -> None:

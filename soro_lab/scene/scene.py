@@ -15,6 +15,7 @@ from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Discretisation, Robot, load_robot
+from soro_core.robot.vectors import Quaternion, Vector3
 from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
 from soro_core.safety import Limits, usable_range
 from soro_core.safety.vent_check import REST_S
@@ -36,10 +37,31 @@ if TYPE_CHECKING:  # with the model's code
     from soro_core.adaptation.kept import KeptNumbers
 
 
-class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
-    """A run: its robot, platform, duration, and the keys of each node."""
+# Keys of the whole run, which no arm has of its own.
+OF_RUN = ("name", "arms", "mode", "rate_hz", "duration_s", "recorder", "valves", "arm", "markers", "measured")
 
-    name: str = Field("", pattern=r"^[a-z0-9_]*$", description="name of the run; the file's name if empty")
+
+class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
+    """A run: its robot, platform, duration, and the keys of each node.
+
+    Of several arms each one is a scene too, in `arms`, with the keys of all; its name is that of the run and
+    its own, ``three_fingers/left``.
+    """
+
+    name: str = Field(
+        "", pattern=r"^([a-z0-9_]*|[a-z0-9_]+/[a-z0-9_]+)$", description="name of the run; empty: the file's"
+    )
+    arms: Mapping[str, Any] = Field(
+        {},
+        description="several arms by name: of each its robot, place (base_position), controller, twin, ... "
+        "where they differ from those of the scene",
+    )
+    base_position: Vector3 | None = Field(
+        None, description="of the base in the world [m]; default: that of the robot file"
+    )
+    base_quaternion: Quaternion | None = Field(
+        None, description="of the base in the world, x, y, z, w; default: that of the robot file"
+    )
     description: str = Field("", description="what the run shows, in one line (soro scenes)")
     platform: str = Field(
         "", description="platform file or name; empty: the twin takes the place of the regulator node"
@@ -135,20 +157,60 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
 
     def to_dict(self) -> dict[str, Any]:
         """Return all keys with their values, also defaults, as in a scene file."""
-        values = self.model_dump(mode="json")
+        values = self.model_dump(mode="json", exclude={"arms"})
+        if self.arms:
+            own = {name: arm.to_dict() for name, arm in self.arms.items()}
+            values["arms"] = {
+                name: {key: value for key, value in keys.items() if key not in OF_RUN}
+                for name, keys in own.items()
+            }
         if self.controller.gains.stated:  # the file must say whose they are
             values["controller"]["robot"] = self.gains_robot
         return values
 
     @cached_property
     def loaded_robot(self) -> Robot:
-        """The robot that the scene names; its file is read once."""
-        return load_robot(self.robot)
+        """The robot that the scene names, at its place; its file is read once."""
+        robot, place = load_robot(self.robot), (self.base_position, self.base_quaternion)
+        return robot if place == (None, None) else robot.replace(**self.place)
+
+    @property
+    def place(self) -> dict[str, tuple[float, ...]]:
+        """Keys of the place of the robot that the scene states."""
+        stated = {"base_position": self.base_position, "base_quaternion": self.base_quaternion}
+        return {key: value for key, value in stated.items() if value is not None}
 
     @cached_property
     def loaded_platform(self) -> PlatformBase | None:
         """The platform that the scene names, or None; its file is read once."""
         return load_platform(self.platform) if self.platform else None
+
+    @property
+    def each(self) -> tuple[Scene, ...]:
+        """The scene of each arm; of one arm this one alone."""
+        return tuple(self.arms.values()) or (self,)
+
+    @property
+    def prefix(self) -> str:
+        """What stands before the names of the nodes of an arm: ``left/``; empty for a single arm."""
+        arm = self.name.partition("/")[2]
+        return f"{arm}/" if arm else ""
+
+    @property
+    def is_shared(self) -> bool:
+        """Whether the platform of an arm feeds others too."""
+        return self.loaded_platform is not None and bool(self.loaded_platform.arms)
+
+    @property
+    def platforms(self) -> tuple[Scene, ...]:
+        """Of each platform the scene whose nodes run it: this one if arms share it, or that of its arm."""
+        own = tuple(arm for arm in self.each if arm.platform and not arm.is_shared)
+        return (self, *own) if any(arm.is_shared for arm in self.each) else own
+
+    @property
+    def own_device(self) -> str:
+        """Where real valves are: as the scene says, else as their platform does."""
+        return self.device or (self.loaded_platform.device if self.loaded_platform else None) or ""
 
     def markers_node(self) -> MarkersConfig:
         """Parameters of the markers node."""
@@ -166,6 +228,10 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         """Return the scene with other limits; it keeps the loaded robot and platform."""
         return self._with(limits=limits)
 
+    def with_arms(self, arms: Mapping[str, Scene]) -> Scene:
+        """Return the scene with arms; it keeps the loaded robot and platform."""
+        return self._with(arms=arms)
+
     def with_twin(self, twin: TwinSection) -> Scene:
         """Return the scene with another twin; it keeps the loaded robot and platform."""
         return self._with(twin=twin)
@@ -175,6 +241,10 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         other = self._with()
         vars(other)["loaded_robot"] = robot
         return other
+
+    def with_robot_file(self, file: str) -> Scene:
+        """Return the scene with the file of its robot at its place; it keeps the loaded robot."""
+        return self._with(robot=file, base_position=None, base_quaternion=None)
 
     def with_learned(self, kept: KeptNumbers) -> Scene:
         """Return the scene whose law starts from learned numbers; it keeps the loaded robot and platform.
@@ -255,11 +325,19 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             **self._shared(TwinConfig),
             pressures="valves" if self.emulates else "measured" if self.platform else "regulators",
             plant_link=plant_link if self.emulates else "",
+            plant_chambers=self._of_valves() if self.emulates else (),
             fault_link=fault_link if self.emulates else "",
             duration_s=self.duration_s,
             empty_s=self.limits.vent_limit_s + REST_S,
             paused=self.mode == "lockstep",
         )
+
+    def _of_valves(self) -> tuple[int, ...]:
+        """Return which of the valves feed the chambers of the arm, where these are not all in their order."""
+        platform = self.loaded_platform
+        fed = () if platform is None else platform.chamber_names
+        names = [f"{self.prefix if self.is_shared else ''}{name}" for name in self.loaded_robot.chamber_names]
+        return () if tuple(names) == fed else tuple(fed.index(name) for name in names if name in fed)
 
     @property
     def emulates(self) -> bool:

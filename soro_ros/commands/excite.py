@@ -15,7 +15,7 @@ from rich.progress import BarColumn, Progress, TextColumn
 from soro_core.errors import ConfigError, SoroError
 from soro_core.files.units import Quantity, unit_option
 from soro_hardware import signals
-from soro_lab.scene import Scene, check_plant
+from soro_lab.scene import Scene, check_plant, require_one_arm
 from soro_lab.scene.options import Change, Device, Folder, SceneName, Valves, changes_of
 from soro_ros.commands.hil import show_question, typed_answer
 from soro_ros.run.end import End
@@ -153,7 +153,7 @@ def _check(scene: Scene, where: str) -> list[str]:
     if scene.excite.release and scene.arm != "real":
         allowed = "false with arm: simulated, which a hand cannot bend; true with arm: real"
         raise ConfigError(where, "excite.release", True, allowed)
-    check_plant(scene, where)
+    check_plant(require_one_arm(scene, where), where)
     return []
 
 

@@ -11,7 +11,7 @@ import typer
 from soro_core.errors import ConfigError
 from soro_core.files.units import unit_option
 from soro_lab.run_folder import bag_and_scene
-from soro_lab.scene import load_scene
+from soro_lab.scene import arm_of, load_scene
 
 Rate: TypeAlias = Annotated[
     float, unit_option("--rate", "Hz", 1.0, 50.0, "10Hz", help="Pictures a second of a film.")
@@ -20,7 +20,12 @@ Width: TypeAlias = Annotated[int, typer.Option(min=200, max=4000, metavar="PIXEL
 
 
 def write_film(
-    run: Path, file: Path, start_s: float, end_s: float | None, rate_hz: float, width: int
+    run: Path,
+    file: Path,
+    span_s: tuple[float, float | None],
+    rate_hz: float,
+    width: int,
+    arm: str | None = None,
 ) -> None:
     """Draw the arm of a recorded run as it moves: reference, path of the tip, pressures, tip error.
 
@@ -32,12 +37,14 @@ def write_film(
         Folder of a run or bag.
     file : Path
         To write: .gif; .png holds the last picture.
-    start_s, end_s : float
+    span_s : tuple
         First and last time [s]; None: where the arm rests.
     rate_hz : float
         Pictures a second.
     width : int
         Pixels.
+    arm : str, optional
+        Which of several arms.
 
     Raises
     ------
@@ -49,7 +56,8 @@ def write_film(
     if file.suffix not in (".gif", ".png"):
         raise ConfigError("soro plot", "--film", str(file), "a name that ends with .gif or .png")
     bag, scene_file = bag_and_scene(run)
-    scene = load_scene(str(scene_file))
+    scene = arm_of(load_scene(str(scene_file)), arm, str(run))
+    start_s, end_s = span_s
     shown = film.take(bag, scene, start_s, math.inf if end_s is None else end_s, rate_hz)
     write = film.still if file.suffix == ".png" else film.write
     write(shown, file, width)

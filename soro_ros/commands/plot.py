@@ -84,10 +84,10 @@ def plot(
     file = (run if run.is_dir() else run.parent) / "plot.png" if out is None else out
     try:
         if film is not None:
-            if topic or field or out or arm or scene:
-                others = "no other option than --start, --end, --rate and --width"
+            if topic or field or out or scene:
+                others = "no other option than --arm, --start, --end, --rate and --width"
                 raise ConfigError("soro plot", "--film", str(film), others)
-            write_film(run, film, start or 0.0, end, rate, width)
+            write_film(run, film, (start or 0.0, end), rate, width, arm)
             return
         if file.suffix not in _ENDINGS:
             raise ConfigError("soro plot", "--out", str(file), f"a name that ends with {', '.join(_ENDINGS)}")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+import yaml
 
 from soro_core.config import completer_of
 from soro_core.errors import BagError, ConfigError
@@ -14,7 +16,14 @@ from soro_core.extras import require
 from soro_core.files.units import unit_option
 from soro_lab.run_folder import run_folders
 
+if TYPE_CHECKING:
+    from soro_core.robot import Robot
+    from soro_ros.host.services import ServiceCaller
+    from soro_ros.view.moment import Moment
+
 PORT = 8080
+# Time in which the nodes of a given namespace are found [s].
+_FIND_S = 1.0
 
 
 def view(
@@ -62,37 +71,54 @@ def view(
 
 
 def _live(robot: str, namespace: str, options: dict[str, int | float]) -> None:
-    from soro_ros.nodes.viewer import NICE, Viewer
-    from soro_ros.process.node_process import run_node
+    from soro_ros.nodes.viewer import NICE, run_viewers
 
-    found, used = _running(f"/{namespace.strip('/')}" if namespace else "", robot)
-    arguments = ["--ros-args", "-r", f"__ns:={found or '/'}", "-p", f"robot:={used}"]
-    for name, value in options.items():
-        arguments += ["-p", f"{name}:={value}"]
-    os.nice(NICE)
-    run_node(Viewer, arguments)
+    arms = _running(f"/{namespace.strip('/')}" if namespace else "", robot)
+    with tempfile.TemporaryDirectory(prefix="soro-") as folder:
+        file = Path(folder) / "viewer.yaml"
+        entries = {f"{arm}/viewer": {"ros__parameters": {"robot": used, **options}} for arm, used in arms}
+        file.write_text(yaml.safe_dump(entries), encoding="utf-8")
+        os.nice(NICE)
+        run_viewers([arm or "/" for arm, _ in arms], ["--ros-args", "--params-file", str(file)])
 
 
-def _running(namespace: str, robot: str) -> tuple[str, str]:
-    """Return namespace and robot of the arm that runs, as far as they are not given."""
-    from rcl_interfaces.srv import GetParameters
+def _running(namespace: str, robot: str) -> list[tuple[str, str]]:
+    """Return namespace and robot of each arm that runs, as far as they are not given.
 
+    The arms of a scene are those whose namespaces stand below one, or whose valves one node drives.
+    """
     from soro_ros.commands.services import READINGS, one_node, service_caller
 
     if namespace and robot:
-        return namespace, robot
+        return [(namespace, robot)]
     with service_caller() as caller:
-        if not namespace:
-            namespace = one_node(caller, "vent", "", 4.0, READINGS).rpartition("/")[0]
-        if not robot:
-            names = [f"{namespace}/{node}" for node in ("estimator", "controller", "twin")]
-            known = [name for name in names if name in caller.offering("get_parameters")]
-            if not known:
-                raise ConfigError("soro view", "--robot", None, "given, as no node of the arm has a robot")
-            request = GetParameters.Request(names=["robot"])
-            answer = caller.call(known[0], "get_parameters", GetParameters, request, 5.0)
-            robot = answer.values[0].string_value
-    return namespace, robot
+        if namespace:
+            within = namespace
+            caller.spin(_FIND_S)
+        else:
+            drivers = [name for new in caller.search("vent", "", 4.0, READINGS) for name in new]
+            runs = {name.split("/")[1] if name.count("/") > 2 else name for name in drivers}
+            if len(runs) != 1:
+                one_node(caller, "vent", "", 4.0, READINGS)  # says why
+            within = drivers[0].rpartition("/")[0] if len(drivers) == 1 else f"/{runs.pop()}"
+        topics = [name for name, _ in caller.node.get_topic_names_and_types()]
+        arms = [name.removesuffix(f"/{READINGS}") for name in topics if name.endswith(f"/{READINGS}")]
+        below = sorted(name for name in arms if name.startswith(f"{within}/"))
+        found = below if within and within not in arms and below else [within]
+        return [(arm, robot or _robot_of(caller, arm)) for arm in found]
+
+
+def _robot_of(caller: ServiceCaller, arm: str) -> str:
+    """Return the robot of a running arm, by one of its nodes."""
+    from rcl_interfaces.srv import GetParameters
+
+    names = [f"{arm}/{node}" for node in ("estimator", "controller", "twin")]
+    known = [name for name in names if name in caller.offering("get_parameters")]
+    if not known:
+        raise ConfigError("soro view", "--robot", None, "given, as no node of the arm has a robot")
+    request = GetParameters.Request(names=["robot"])
+    answer = caller.call(known[0], "get_parameters", GetParameters, request, 5.0)
+    return str(answer.values[0].string_value)
 
 
 def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, trail: float) -> None:
@@ -101,32 +127,37 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
     from soro_hardware import signals
     from soro_lab.bag import BagReader
     from soro_lab.run_folder import bag_and_scene
-    from soro_lab.scene import load_scene
+    from soro_lab.scene import arm_of, load_scene
     from soro_ros.view.access import Access
     from soro_ros.view.recorded import RecordedPage, read, shape_of
     from soro_ros.view.server import ViewServer
 
-    shape, folder = None, bag
+    def say(line: str) -> None:
+        typer.echo(line, err=True)
+
+    arms: dict[str, tuple[Robot, list[Moment]]] = {}
+    scene, folder = None, bag
     try:
         folder, scene_file = bag_and_scene(bag)
+        scene = load_scene(str(scene_file))
     except BagError:
         with BagReader(bag):  # what is no bag says so itself
             pass
         if not robot:
             raise ConfigError("soro view", "--robot", None, f"given, as {bag} has no scene") from None
-    else:
-        scene = load_scene(str(scene_file))
-        namespace = namespace or scene.name
-        if not robot:
-            robot = scene.robot
-            shape = shape_of(load_robot(find_config(robot, "robots")), scene.discretisation)
-    shown = load_robot(find_config(robot, "robots"))
     with signals.noted() as ended:
-        recorded = read(folder, namespace, shape, rate, lambda line: typer.echo(line, err=True))
+        if scene is None or robot:
+            namespace = namespace or (scene.name if scene is not None else "")
+            arms[""] = load_robot(find_config(robot, "robots")), read(folder, namespace, None, rate, say)
+        else:
+            for arm in [arm_of(scene, namespace, "soro view")] if namespace and scene.arms else scene.each:
+                at, shape = arm.loaded_robot, shape_of(arm.loaded_robot, arm.discretisation)
+                own = arm.name if scene.arms else namespace or arm.name
+                arms[arm.prefix.rstrip("/")] = at, read(folder, own, shape, rate, say)
         access = Access()
         server = ViewServer(access, port)
         try:
-            player = RecordedPage(server, shown, recorded, trail)
+            player = RecordedPage(server, arms, trail)
             typer.echo(f"view: {access.address(server.get_port())}")
             player.run(lambda: bool(ended))
         finally:

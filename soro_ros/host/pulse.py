@@ -12,6 +12,7 @@ import stat
 import threading
 import time
 from collections.abc import Callable
+from functools import cache
 
 VARIABLE = "SORO_PULSE"
 """Variable of the environment with the number of the pipe."""
@@ -111,7 +112,13 @@ def listener() -> Listener | None:
     """Return what listens to the program that has started this process; None where none gives signs."""
     try:
         pipe = int(os.environ[VARIABLE])
-        is_pipe = stat.S_ISFIFO(os.fstat(pipe).st_mode)
+        found = os.fstat(pipe)
     except (KeyError, ValueError, OSError):
         return None
-    return Listener(pipe) if is_pipe else None
+    return _listener(pipe, found.st_ino) if stat.S_ISFIFO(found.st_mode) else None
+
+
+@cache
+def _listener(pipe: int, inode: int) -> Listener:
+    """Return the one listener of a pipe: a byte that one of several reads is not there for the others."""
+    return Listener(pipe)

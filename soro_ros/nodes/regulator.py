@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import time
 from collections import deque
@@ -9,7 +10,7 @@ from functools import partial
 
 from rosgraph_msgs.msg import Clock
 
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, SoroError
 from soro_core.safety import narrowed
 from soro_hardware import Regulator, load_platform, open_regulator
 from soro_hardware.limited_regulator import LimitedRegulator
@@ -48,7 +49,12 @@ class RegulatorNode(SoroNode[RegulatorNodeConfig]):
         super().__init__()
 
     def claims(self) -> tuple[str, ...]:
-        return (*super().claims(), claims.readings(self.get_namespace()))
+        namespace = self.get_namespace().rstrip("/")
+        arms: tuple[str, ...] = ()
+        with contextlib.suppress(SoroError):  # `setup` says what is wrong with the platform
+            arms = load_platform(self.get_parameter_or("platform").value).arms
+        named = [f"{namespace}/{arm}" for arm in arms] or [namespace]
+        return (*super().claims(), *map(claims.readings, named))
 
     def setup(self, config: RegulatorNodeConfig) -> None:
         platform = load_platform(config.platform).at_rate(config.rate_hz)

@@ -1,7 +1,11 @@
-"""The twin node: it simulates the robot and publishes the robot's topics, in real time or in lockstep."""
+"""The twin node: it simulates the robot and publishes the robot's topics, in real time or in lockstep.
+
+A process has one for each arm of its scene, in one `ArmWorld`: `soro_twin /hand/left /hand/right`.
+"""
 
 from __future__ import annotations
 
+import sys
 import time
 from dataclasses import replace
 from functools import partial
@@ -18,11 +22,13 @@ from soro_core.safety import Limiter, check_rating, narrowed, rating_of
 from soro_core.safety.vent_check import REST_S, empty_since
 from soro_core.twin import Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
+from soro_core.twin.world import ArmWorld
 from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
 from soro_ros.conversion import messages, qos
 from soro_ros.host import claims
+from soro_ros.process import command_line
 from soro_ros.process.lifecycle import SoroNode
-from soro_ros.process.node_process import run_node
+from soro_ros.process.node_process import run_nodes
 from soro_ros.run.faults import FaultInterface
 from soro_ros.topics.chambers import ChamberInterface
 from soro_ros.topics.diagnostics import OK, OVER
@@ -46,10 +52,20 @@ class TwinNode(SoroNode[TwinConfig]):
     _link: PlantLinkClient | None = None
     _faults: FaultInterface | None = None
 
+    def __init__(self, namespace: str | None = None, world: ArmWorld | None = None) -> None:
+        self._world = world or ArmWorld()
+        self._world.arms.append(self)
+        super().__init__(namespace)
+
+    @property
+    def _sets_clock(self) -> bool:
+        return self._world.arms[0] is self
+
     def claims(self) -> tuple[str, ...]:
         pressures, mode = (self.get_parameter_or(name).value for name in ("pressures", "mode"))
         drives = (claims.readings(self.get_namespace()),) if pressures == "regulators" else ()
-        return (*super().claims(), *drives, *(("/clock",) if mode == "lockstep" else ()))
+        clock = ("/clock",) if mode == "lockstep" and self._sets_clock else ()
+        return (*super().claims(), *drives, *clock)
 
     def setup(self, config: TwinConfig) -> None:
         if bool(config.plant_link) != (config.pressures == "valves"):
@@ -72,10 +88,12 @@ class TwinNode(SoroNode[TwinConfig]):
         self._running = self._is_over = False
         self._empty_ns: int | None = None
         self._first: PlantFrame | None = None
+        self._frame: PlantFrame | None = None  # of the tick that waits for other arms
+        self._of_valves = list(config.plant_chambers) or slice(None)
         self._reading_pa: Array = np.full(len(self._names), np.nan)  # those of the last tick; before it none
         self._is_commanded = config.pressures == "regulators"
         loop = qos.REPLAYED if config.pressures == "measured" else qos.loop(self._lockstep)
-        self._topics = TwinTopics(self, robot, self._twin, loop, self._lockstep)
+        self._topics = TwinTopics(self, robot, self._twin, loop, self._lockstep and self._sets_clock)
         frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
         self._push = PushTopic(self, frames, self._stamp_now_ns)
         if config.base_by_topic:
@@ -100,7 +118,7 @@ class TwinNode(SoroNode[TwinConfig]):
             )
         elif config.pressures == "valves":
             self._link = PlantLinkClient(config.plant_link)
-            if (n := self._link.join(moves_air=False).pressures.size) != len(self._names):
+            if (n := self._pressures(self._link.join(moves_air=False)).size) != len(self._names):
                 allowed = f"valves of {len(self._names)} chambers, as {robot.name} has, not of {n}"
                 raise ConfigError("parameters of twin", "plant_link", config.plant_link, allowed)
             if config.fault_link:
@@ -148,22 +166,33 @@ class TwinNode(SoroNode[TwinConfig]):
         self._running = True
         if self._config.pressures == "measured":
             return
-        if self._link is not None:
-            present = self._link.join(self._moves_air).pressures
-            self._state = self._twin.at_pressures(self._state, present)
         if self._lockstep:
-            self._observe()
+            self._world.begin()
             if self._link is not None:
                 # The executor does not watch the socket of the valves; each call waits for one frame.
-                self.every(1e-4, partial(self._advance_with_valves, self._link))
+                self.every(1e-4, self._advance_with_valves)
             else:
                 self._advance_with_commands()
         else:
+            self.join()
             # Time continues at the last tick.
             self._epoch_ns = self.get_clock().now().nanoseconds - self._tick_ns()
             self._start_s = time.perf_counter() - self._state.tick / self._config.rate_hz
             self._skipped = 0
             self.every(1.0 / self._config.rate_hz, self._advance_real_time)
+
+    @property
+    def is_started(self) -> bool:
+        return self._running
+
+    def join(self) -> None:
+        if self._link is not None:
+            present = self._pressures(self._link.join(self._moves_air))
+            self._state = self._twin.at_pressures(self._state, present)
+
+    def _pressures(self, frame: PlantFrame) -> Array:
+        """Return the pressures of this arm's chambers among those of the valves."""
+        return frame.pressures[self._of_valves] if frame.pressures.size else frame.pressures
 
     # Time -----------------------------------------------------------------------------------------
     def _tick_ns(self) -> int:
@@ -175,14 +204,32 @@ class TwinNode(SoroNode[TwinConfig]):
     def _stamp_now_ns(self) -> int:
         return self._tick_ns() if self._lockstep else self.get_clock().now().nanoseconds
 
-    def _advance_with_valves(self, link: PlantLinkClient) -> None:
-        """Make one tick of each frame of pressures, in lockstep."""
-        if self._over():
+    def _advance_with_valves(self) -> None:
+        """Make a tick of the world when the frames of pressures are there, in lockstep."""
+        if not self._world.tick() and self._is_over:
             self._release_air()
-        elif self._running and (frame := link.wait(LINK_WAIT_S)) is not None:
-            self._check_period(frame)
-            self._step_with_valves(link, frame)
-            self._observe()
+
+    def is_due(self) -> bool:
+        if not self._running or self._over():
+            return False
+        if self._link is None:
+            answered_ns = self._tick_ns() - self._period_ns
+            if self._slewed_ns is None and (answered_ns < 0 or self._chambers.seen_ns >= answered_ns):
+                self._begin_tick()  # at once: while other arms are waited for, the next command may come
+            return self._slewed_ns is not None
+        self._frame = self._frame or self._link.wait(LINK_WAIT_S)
+        return self._frame is not None
+
+    def step(self) -> None:
+        if self._link is None or self._frame is None:
+            self._end_tick()
+            return
+        frame, self._frame = self._frame, None
+        self._check_period(frame)
+        self._step_with_valves(self._link, frame)
+
+    def show(self) -> None:
+        self._observe()
 
     def _check_period(self, frame: PlantFrame) -> None:
         """Refuse valves whose cycle differs from a tick: their answers would come at other times."""
@@ -201,23 +248,23 @@ class TwinNode(SoroNode[TwinConfig]):
 
     def _advance_with_commands(self) -> None:
         """Lockstep: the command that answers tick k - 1 acts from tick k on."""
-        while self._lockstep and self._running and not self._over():
-            if self._state.tick > 0 and self._chambers.seen_ns < self._tick_ns() - self._period_ns:
-                return
-            self._step_with_commands()
-            self._observe()
+        while self._lockstep and self._world.tick():
+            pass
 
     def _over(self) -> bool:
-        """Whether time ends: behind `duration_s` as soon as the arm rests with empty chambers."""
-        config, now_ns = self._config, self._tick_ns()
-        if not config.duration_s or self._is_over:
-            return self._is_over
-        behind_s = 1e-9 * now_ns - config.duration_s
+        """Whether time ends: behind `duration_s` as soon as every arm rests with empty chambers."""
+        return self._is_over or (self._config.duration_s > 0.0 and self._world.ends())
+
+    @property
+    def rests(self) -> bool:
+        now_ns = self._tick_ns()
+        behind_s = 1e-9 * now_ns - self._config.duration_s
         rests = self._empty_ns is not None and now_ns - self._empty_ns >= 1e9 * REST_S
-        if behind_s > -0.5e-9 * self._period_ns and (rests or behind_s >= config.empty_s):
-            self._is_over = True
-            self.diagnose()
-        return self._is_over
+        return behind_s > -0.5e-9 * self._period_ns and (rests or behind_s >= self._config.empty_s)
+
+    def end(self) -> None:
+        self._is_over = True
+        self.diagnose()
 
     def _advance_real_time(self) -> None:
         passed = int((time.perf_counter() - self._start_s) * self._config.rate_hz)
@@ -264,10 +311,6 @@ class TwinNode(SoroNode[TwinConfig]):
         self._measured = (stamp_ns, pressure)
 
     # One tick -------------------------------------------------------------------------------------
-    def _step_with_commands(self) -> None:
-        self._begin_tick()
-        self._end_tick()
-
     def _step_after_commands(self) -> None:
         self._begin_tick()
         # The nodes of this process answer first: the arm's motion can wait, a command cannot.
@@ -289,7 +332,7 @@ class TwinNode(SoroNode[TwinConfig]):
 
     def _step_with_valves(self, link: PlantLinkClient, frame: PlantFrame) -> None:
         if not self._moves_air:
-            self._arrive(self._twin.step_pressures(self._state, frame.pressures))
+            self._arrive(self._twin.step_pressures(self._state, self._pressures(frame)))
             return
         pressure = self._state.air.pressure_pa
         if not frame.action.spans:  # the valves have no frame of this twin yet
@@ -344,7 +387,10 @@ class TwinNode(SoroNode[TwinConfig]):
 
 def main() -> None:
     """Entry point of `ros2 run soro_ros twin`."""
-    run_node(TwinNode)
+    namespaces, rest = command_line.namespaces(sys.argv[1:])
+    world = ArmWorld()
+    arms = [partial(TwinNode, namespace, world) for namespace in namespaces] or [partial(TwinNode)]
+    run_nodes(arms, command_line.of_node(TwinNode.node_name, TwinConfig), rest)
 
 
 if __name__ == "__main__":

@@ -1,10 +1,16 @@
-"""The viewer node: the arm of its namespace in a browser, with buttons for those who have the token."""
+"""The viewer node: the arm of its namespace in a browser, with buttons for those who have the token.
+
+The arms of a scene are nodes of one process, which share a page: `soro_viewer /hand/left /hand/right`.
+"""
 
 from __future__ import annotations
 
 import os
+import sys
 import time
 from collections import deque
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +21,9 @@ from rclpy.subscription import Subscription
 from soro_core.errors import SoroError
 from soro_core.extras import named_packages
 from soro_core.robot import load_robot
+from soro_ros.process import command_line
 from soro_ros.process.lifecycle import SoroNode
-from soro_ros.process.node_process import run_node
+from soro_ros.process.node_process import run_nodes
 from soro_ros.topics.diagnostics import OK
 from soro_ros.view.config import ViewerConfig
 from soro_ros.view.moment import DIAGNOSTICS, LATCH, TOPICS, Moment, Received
@@ -38,6 +45,49 @@ _BUTTON_S = 0.05
 NICE = 10
 
 
+class Screen:
+    """The page of several viewers.
+
+    Parameters
+    ----------
+    arms : int
+        Number of arms on it.
+
+    Attributes
+    ----------
+    server : ViewServer or None
+        That of the page; None before the first node is configured and behind its end.
+    """
+
+    def __init__(self, arms: int = 1) -> None:
+        self.arms = arms
+        self.server: Any = None
+        self._address, self._missing = "", max(arms, 1)
+
+    def open(self, config: ViewerConfig) -> Any:
+        """Return the server; the first node opens it."""
+        from soro_ros.view.access import Access
+        from soro_ros.view.server import ViewServer
+
+        if self.server is None:
+            access = Access()
+            self.server = ViewServer(access, config.port)
+            self._address = access.address(self.server.get_port())
+        return self.server
+
+    def complete(self, config: ViewerConfig) -> None:
+        """Note that the page has one more arm; the last node tells the address."""
+        self._missing -= 1
+        if self._missing <= 0:
+            _announce(self._address, config.address_file)
+
+    def close(self) -> None:
+        """Stop the server; may be called again."""
+        server, self.server = self.server, None
+        if server is not None:
+            server.stop()
+
+
 class Viewer(SoroNode[ViewerConfig]):
     """Reads the newest message of each topic at its own rate, and draws it while somebody looks."""
 
@@ -46,16 +96,18 @@ class Viewer(SoroNode[ViewerConfig]):
     is_observer = True
     _server: Any = None
 
+    def __init__(self, namespace: str | None = None, screen: Screen | None = None) -> None:
+        self._screen = screen or Screen()
+        super().__init__(namespace)
+
     def setup(self, config: ViewerConfig) -> None:
         with named_packages():
             from soro_ros.view.live import LivePage
-            from soro_ros.view.server import ViewServer
-        from soro_ros.view.access import Access
 
+            self._server = self._screen.open(config)
         self._config, robot = config, load_robot(config.robot)
-        access = Access()
-        self._server = ViewServer(access, config.port)
-        self._page = LivePage(self, self._server, robot, config.payload_kg)
+        arm = self.get_namespace().rpartition("/")[2] if self._screen.arms > 1 else ""
+        self._page = LivePage(self, self._server, robot, config.payload_kg, arm)
         self._received = Received(self.get_namespace())
         self._past: deque[Moment] = deque(maxlen=round(config.trail_s * config.rate_hz))
         # In no executor: a message does not wake this process, the newest one is taken when it is drawn.
@@ -66,7 +118,7 @@ class Viewer(SoroNode[ViewerConfig]):
             topic: self._listener.create_subscription(kind, topic, _ignore, _PROFILES.get(topic, _LAST))
             for topic, kind in TOPICS.items()
         }
-        _announce(access.address(self._server.get_port()), config.address_file)
+        self._screen.complete(config)
 
     def start(self) -> None:
         self.every(1.0 / self._config.rate_hz, self._draw)
@@ -78,7 +130,7 @@ class Viewer(SoroNode[ViewerConfig]):
     def make_safe(self) -> None:
         server, self._server = self._server, None
         if server is not None:
-            server.stop()
+            self._screen.close()
             self._page.buttons.close()
             self._listener.destroy_node()
 
@@ -129,7 +181,22 @@ def _announce(address: str, file: str) -> None:
 def main() -> None:
     """Run the viewer as a process."""
     os.nice(NICE)
-    run_node(Viewer)
+    run_viewers(*command_line.namespaces(sys.argv[1:]))
+
+
+def run_viewers(namespaces: Sequence[str], arguments: list[str]) -> None:
+    """Run the viewers of arms, which share a page, as this process.
+
+    Parameters
+    ----------
+    namespaces : sequence of str
+        Of the arms; without one that of the arguments.
+    arguments : list of str
+        Those of ROS.
+    """
+    screen = Screen(len(namespaces))
+    arms = [partial(Viewer, namespace, screen) for namespace in namespaces] or [partial(Viewer)]
+    run_nodes(arms, command_line.of_node(Viewer.node_name, ViewerConfig), arguments)
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.arrays import Array
-from soro_core.config import find_config, with_changes
+from soro_core.config import with_changes
 from soro_core.errors import BagError
 from soro_core.model.discretised import discretised
-from soro_core.robot import Plane, Robot, load_robot
+from soro_core.robot import Plane, Robot
 from soro_core.robot.basis import radius_profile
 from soro_core.twin.config import described_plant
 from soro_core.twin.plant import true_robot
@@ -75,10 +75,11 @@ def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) 
         If the bag has no coordinates or no pressures of that time.
     """
     recording = read_run(bag, scene)
-    robot = load_robot(find_config(scene.robot, "robots"))
+    robot = scene.loaded_robot
     if recording.true_state.t.size:
         states, twin = recording.true_state, scene.twin_node()
-        arm = discretised(true_robot(robot, twin), twin.model)
+        true = true_robot(robot, twin)  # of a file of its own, at the place of the arm
+        arm = discretised(true.replace(**scene.place) if scene.place else true, twin.model)
     else:
         states, arm = recording.estimated_state, discretised(robot, scene.discretisation)
     known = (states, recording.reading, recording.command)

@@ -80,8 +80,8 @@ def open_run(
     with BagReader(run) as reader:
         chosen = _arm(reader, arm, scene)
         recording = recorded(reader, chosen, spans)
-    if scene is not None and scene.name != chosen:
-        scene = None  # of another arm
+    if scene is not None:  # it may be one of another arm
+        scene = next((one for one in scene.each if one.name == chosen), None)
     if scene is not None:
         recording = report.of_scene(recording, scene)
     for problem in recording.problems:
@@ -124,9 +124,12 @@ def _arm(reader: BagReader, given: str | None, scene: Scene | None) -> str:
     if not known:
         raise BagError("no topic of an arm: chambers/state, arm/tip, arm/state, ...", bag, "missing")
     if given is not None:
-        if given.strip("/") not in known:
-            raise ConfigError(str(bag), "--arm", given, ", ".join(name or "''" for name in known))
-        return given.strip("/")
+        wanted = given.strip("/")
+        within = f"{scene.name}/{wanted}" if scene is not None and scene.arms else wanted
+        for name in (wanted, within):
+            if name in known:
+                return name
+        raise ConfigError(str(bag), "--arm", given, ", ".join(name or "''" for name in known))
     if scene is not None and scene.name in known:
         return scene.name
     if len(known) > 1:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from itertools import pairwise
+from itertools import pairwise, takewhile
 from typing import NamedTuple
 
 from rclpy.impl.implementation_singleton import rclpy_implementation
@@ -55,6 +55,12 @@ def asks_for_help(given: Sequence[str]) -> bool:
 def own(given: Sequence[str]) -> list[str]:
     """Return the arguments before those of ROS."""
     return list(given[: given.index("--ros-args")] if "--ros-args" in given else given)
+
+
+def namespaces(given: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the namespaces of several arms, which stand before all other arguments, and the rest."""
+    found = list(takewhile(lambda one: one.startswith("/"), given))
+    return found, list(given[len(found) :])
 
 
 def initialise(program: Program, args: list[str] | None = None) -> None:

@@ -45,8 +45,10 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
     # Whether the arm does without this node: it looks on, and two of one name do no harm.
     is_observer: ClassVar[bool] = False
 
-    def __init__(self) -> None:
-        super().__init__(self.node_name, automatically_declare_parameters_from_overrides=True)
+    def __init__(self, namespace: str | None = None) -> None:
+        super().__init__(
+            self.node_name, namespace=namespace, automatically_declare_parameters_from_overrides=True
+        )
         self._used: Config | None = None  # the configuration in force, of a configured node
         self.event_log = EventLog(self.get_namespace(), self.get_name(), self.get_logger().warning)
         declare(self, self.config_model, self._changed)

@@ -6,7 +6,7 @@ import contextlib
 import signal
 import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.exceptions import InvalidParameterValueException
@@ -38,7 +38,7 @@ def run_node(node_class: type[SoroNode[Config]], args: list[str] | None = None) 
 
 
 def run_nodes(
-    node_classes: Sequence[type[SoroNode[Any]]], program: Program, args: list[str] | None = None
+    node_classes: Sequence[Callable[[], SoroNode[Any]]], program: Program, args: list[str] | None = None
 ) -> None:
     """Run nodes as one process: exit 0 after a clean end, 2 on a wrong configuration, 1 on a failure.
 
@@ -48,8 +48,9 @@ def run_nodes(
 
     Parameters
     ----------
-    node_classes : sequence of type
-        Classes of the nodes. The last one drives the valves: it is configured last and made safe first.
+    node_classes : sequence of callable
+        Classes of the nodes, or what else makes them. The last one drives the valves: it is configured last
+        and made safe first.
     program : Program
         What its command line says of itself.
     args : list of str, optional
@@ -64,7 +65,7 @@ def run_nodes(
 
 
 def run_until_end(
-    node_classes: Sequence[type[SoroNode[Any]]],
+    node_classes: Sequence[Callable[[], SoroNode[Any]]],
     program: Program,
     args: list[str] | None,
     stopping: list[int],
@@ -73,7 +74,7 @@ def run_until_end(
 
     Parameters
     ----------
-    node_classes : sequence of type
+    node_classes : sequence of callable
     program : Program
     args : list of str or None
         As in `run_nodes`.
@@ -92,7 +93,7 @@ def run_until_end(
     try:
         command_line.initialise(program, args)
         for node_class in node_classes:
-            nodes.append(_make(node_class, claims))
+            nodes.append(_make(node_class, claims, program.name))
             nodes[-1].handover = handover
         with signals.raised(stopping):
             _start(nodes, stopping)
@@ -134,13 +135,12 @@ def _made_safe(node: SoroNode[Any]) -> bool:
     return True
 
 
-def _make(node_class: type[SoroNode[Any]], claims: Claims) -> SoroNode[Any]:
+def _make(node_class: Callable[[], SoroNode[Any]], claims: Claims, name: str) -> SoroNode[Any]:
     try:
         node = node_class()
     except (InvalidParameterValueException, ValueError) as error:
-        raise ConfigError(
-            f"parameters of {node_class.node_name}", "", str(error), "values with a type"
-        ) from None
+        called = getattr(node_class, "node_name", name)
+        raise ConfigError(f"parameters of {called}", "", str(error), "values with a type") from None
     try:
         claims.take(node, node.claims())
     except ConfigError:

@@ -34,8 +34,15 @@ _BACKBONE, _DIAGNOSTICS = "geometry_msgs/msg/PoseArray", "diagnostic_msgs/msg/Di
 
 def recorded_topics(scene: Scene) -> tuple[str, ...]:
     """Return the topics of a scene as the recorder takes them: name, type, and how long messages are kept."""
-    namespace, lockstep = scene.name, scene.mode == "lockstep"
+    lockstep = scene.mode == "lockstep"
     kept = " transient_local" if lockstep else ""  # as qos.loop() has it
+    clock = [f"/clock rosgraph_msgs/msg/Clock{kept}"] if lockstep else []
+    named = [topic for arm in scene.each for topic in _of_arm(arm, kept)]
+    backbones = [f"/{arm.name}/arm/backbone {_BACKBONE}" for arm in scene.each]
+    return (*named, *clock, *backbones, f"/diagnostics {_DIAGNOSTICS}", f"/{scene.name}/*")
+
+
+def _of_arm(scene: Scene, kept: str) -> list[str]:
     sensors = [
         (f"sensors/{name}{k}", kind)
         for name, kind, places in (
@@ -44,7 +51,4 @@ def recorded_topics(scene: Scene) -> tuple[str, ...]:
         )
         for k in range(len(places))
     ]
-    named = [f"/{namespace}/{topic} {kind}{kept}" for topic, kind in (*_TOPICS, *sensors)]
-    clock = [f"/clock rosgraph_msgs/msg/Clock{kept}"] if lockstep else []
-    others = (f"/{namespace}/arm/backbone {_BACKBONE}", f"/diagnostics {_DIAGNOSTICS}", f"/{namespace}/*")
-    return (*named, *clock, *others)
+    return [f"/{scene.name}/{topic} {kind}{kept}" for topic, kind in (*_TOPICS, *sensors)]

@@ -21,7 +21,7 @@ from soro_ros.recordings.events import (
     statuses_of,
     under_control,
 )
-from soro_ros.status_words import STAGES, is_requested
+from soro_ros.status_words import STAGES, is_requested, node_of
 
 if TYPE_CHECKING:  # a run without ROS is a recording too
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -307,8 +307,7 @@ def statuses(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, dict[
         Name and message of a node with an error, which a vent on request is not; "" of others.
     """
     for status in message.status:
-        if status.name.startswith(prefix):
-            name = status.name.removeprefix(prefix)
+        if (name := node_of(status.name, prefix)) is not None:
             is_error = _level(status) >= 2
             values = {pair.key: pair.value for pair in status.values}
             is_fault = is_error and not is_requested(status.message)
@@ -317,8 +316,8 @@ def statuses(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, dict[
 
 def _levels(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, int, str]]:
     for status in message.status:
-        if status.name.startswith(prefix):
-            yield status.name.removeprefix(prefix), _level(status), status.message
+        if (name := node_of(status.name, prefix)) is not None:
+            yield name, _level(status), status.message
 
 
 def _level(status: DiagnosticStatus) -> int:

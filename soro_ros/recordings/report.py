@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,12 +54,11 @@ class Summary:
     reason: str = ""
     notes: tuple[str, ...] = ()
 
-    def to_json(self) -> str:
-        """Return the figures as JSON; an unknown figure is null."""
-        known = {
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures by name; an unknown figure is None."""
+        return {
             k: None if isinstance(v, float) and not np.isfinite(v) else v for k, v in asdict(self).items()
         }
-        return json.dumps(known, indent=2)
 
 
 def summarise(recording: RunRecording, scene: Scene) -> Summary | None:

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,26 @@ class Verdict:
 
     def __str__(self) -> str:
         return f"{self.word}: {self.reason}" if self.reason else self.word
+
+
+# From the best to the worst.
+_WORDS = ("good", "poor", "lost", "vented", "refused")
+
+
+def worst(verdicts: Mapping[str, Verdict]) -> Verdict:
+    """Return the verdict on several arms, that of the worst of them; what all of them say is said once.
+
+    Parameters
+    ----------
+    verdicts : mapping of str to Verdict
+        By the name of the arm.
+    """
+    word = max((one.word for one in verdicts.values()), key=_WORDS.index)
+    if len(set(verdicts.values())) == 1:
+        return next(iter(verdicts.values()))
+    reasons = [f"{arm}: {one}" for arm, one in verdicts.items() if one.word != "good"]
+    notes = [f"{arm}: {note}" for arm, one in verdicts.items() for note in one.notes]
+    return Verdict(word, "; ".join(reasons), tuple(notes))
 
 
 def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecording | None = None) -> Verdict:
@@ -212,7 +233,12 @@ def with_verdict(summary: Summary, verdict: Verdict) -> Summary:
     return replace(summary, verdict=verdict.word, reason=verdict.reason, notes=verdict.notes)
 
 
-def write(folder: Path, summary: Summary | None, verdict: Verdict) -> None:
+def write(
+    folder: Path,
+    summary: Summary | None,
+    verdict: Verdict,
+    arms: Mapping[str, tuple[Summary | None, Verdict]] | None = None,
+) -> None:
     """Write ``summary.json`` with the figures, if any, and the verdict.
 
     Parameters
@@ -223,7 +249,16 @@ def write(folder: Path, summary: Summary | None, verdict: Verdict) -> None:
         Figures of the run.
     verdict : Verdict
         The verdict.
+    arms : mapping of str to tuple, optional
+        Figures and verdict of each arm by its name, where there are several.
     """
-    alone = {"verdict": verdict.word, "reason": verdict.reason, "notes": list(verdict.notes)}
-    text = json.dumps(alone, indent=2) if summary is None else with_verdict(summary, verdict).to_json()
-    (folder / "summary.json").write_text(text)
+    figures = _figures(summary, verdict)
+    if arms:
+        figures["arms"] = {name: _figures(*one) for name, one in arms.items()}
+    (folder / "summary.json").write_text(json.dumps(figures, indent=2))
+
+
+def _figures(summary: Summary | None, verdict: Verdict) -> dict[str, Any]:
+    if summary is not None:
+        return with_verdict(summary, verdict).to_dict()
+    return {"verdict": verdict.word, "reason": verdict.reason, "notes": list(verdict.notes)}

@@ -95,9 +95,14 @@ class Run:
         self.nodes: list[str] = []
         """Names of the nodes that have been started."""
         self._children: dict[str, Child] = {}
-        self._links = Links()
-        # The node that drives the valves; it vents when it ends.
-        self._driver = "regulator" if scene.platform else "twin"
+        # The scenes of platforms: nodes that run one stand behind the name of its arm.
+        self._platforms = scene.platforms
+        self._links = {one.prefix: Links() for one in self._platforms if one.emulates}
+        # The nodes that drive the valves; they vent when they end.
+        self._drivers = [
+            *(f"{one.prefix}regulator" for one in self._platforms),
+            *(f"{arm.prefix}twin" for arm in scene.each if not arm.platform),
+        ]
         self.has_started = False
         """Whether control has started."""
         self._progress: StartProgress | None = None
@@ -106,7 +111,9 @@ class Run:
         self._status: dict[str, int] = {}
         self._claims = Claims()
         # In lockstep no air moves, and the time of the nodes is not that of this program.
-        self._pulse = Pulse() if scene.mode == "real_time" else None
+        self._pulses = (
+            {name: Pulse() for name in self._drivers} if scene.mode == "real_time" else dict[str, Pulse]()
+        )
         self.warnings: dict[str, str] = {}
         """What became of an observer while the arm went on, by the name of its node."""
         self.recording_failure = ""
@@ -122,7 +129,10 @@ class Run:
         """
         namespace = f"/{self.scene.name}"
         nodes = [name for name in END_ORDER if name not in (*OBSERVERS, "valves")]
-        names = [claims.readings(namespace), *(f"{namespace}/{name}" for name in nodes)]
+        names: list[str] = []
+        for arm in self.scene.each:
+            own = f"{namespace}/{arm.prefix}"
+            names += [claims.readings(own), *(f"{own}{name}" for name in nodes)]
         if self.scene.mode == "lockstep":
             names.append("/clock")
         self._claims.take(node, [claims.of_arm(self.scene.name)])
@@ -144,11 +154,12 @@ class Run:
         self.check()
         if forks is not None:
             supervisor.wait("fork server", forks.has_answered, self.check, START_LIMIT_S)
-        if scene.emulates:
-            self._report(f"starting emulated valves of {scene.platform}")
-            valves = start_valves(scene, self.folder, self._links, self._starter.start)
-            self._children["valves"] = valves
-            wait_for_valves(valves, self.check)
+        for one in self._platforms:
+            if one.emulates:
+                self._report(f"starting emulated valves of {one.platform}")
+                valves = start_valves(one, self.folder, self._links[one.prefix], self._starter.start)
+                self._children[f"{one.prefix}valves"] = valves
+                wait_for_valves(valves, self.check)
         if scene.recorder.enabled:
             topics, exclude = recorded_topics(scene), scene.recorder.exclude
             notes = tuple(f"{name}={version}" for name, version in versions().items())
@@ -161,21 +172,23 @@ class Run:
             forks.warm(self.folder / "scene_used.yaml")
         nodes: dict[str, Strict] = {}
         if scene.arm != "real":
-            nodes["twin"] = scene.twin_node(str(self._links.plant), str(self._links.faults))
+            nodes |= {f"{arm.prefix}twin": self._twin(arm) for arm in scene.each}
         elif self._loop.shadow:
-            nodes["shadow"] = scene.shadow_node()
+            nodes |= {f"{arm.prefix}shadow": arm.shadow_node() for arm in scene.each}
         nodes |= self._loop.nodes
         if scene.markers:
-            nodes["markers"] = scene.markers_node()
+            nodes |= {f"{arm.prefix}markers": arm.markers_node() for arm in scene.each}
         supervisor.look()
         if forks is not None and is_warmed:
             self._wait_in_start(supervisor, "kernels", forks.has_answered, len(nodes))
         self._start_nodes(supervisor, nodes)
-        if scene.platform:
+        if self._platforms:
             # Last, when no node compiles any more: its deadlines start with its first exchange.
-            self._start_nodes(supervisor, {"regulator": scene.regulator_node(str(self._links.device))})
+            regulators = {f"{one.prefix}regulator": self._regulator(one) for one in self._platforms}
+            self._start_nodes(supervisor, regulators)
         if scene.arm == "real":
-            self._wait_for_arm(supervisor)
+            for arm in scene.each:
+                self._wait_for_arm(supervisor, arm.prefix)
         if scene.mode == "real_time":
             # Before the nodes have discovered each other, the controller would act on old readings.
             command = f"command of the {self._loop.commander}, which answers readings"
@@ -184,6 +197,13 @@ class Run:
         self._check_start(supervisor)
         if scene.mode == "lockstep":
             supervisor.check_clock()
+
+    def _twin(self, arm: Scene) -> Strict:
+        links = self._links.get("" if arm.is_shared else arm.prefix)
+        return arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
+
+    def _regulator(self, one: Scene) -> Strict:
+        return one.regulator_node(str(self._links[one.prefix].device) if one.emulates else "")
 
     def begin(self, supervisor: RunMonitor) -> None:
         """Enable the controller, inject the scene's faults, and start the clock and what the twin plans.
@@ -196,10 +216,12 @@ class Run:
             If the controller refuses to begin.
         """
         self.has_started = True
-        if self._pulse is not None:
-            self._pulse.begin(self.scene.duration_s + _BEGIN_S)
+        for pulse in self._pulses.values():
+            pulse.begin(self.scene.duration_s + _BEGIN_S)
         scene = self.scene
-        is_probed = self._loop.commander == "controller" and scene.controller.probe_at_enable != "off"
+        is_probed = self._loop.commander == "controller" and any(
+            arm.controller.probe_at_enable != "off" for arm in scene.each
+        )
         if is_probed and scene.mode == "real_time":
             self._enable(supervisor)
             check = partial(self.check_nodes, supervisor, scene.duration_s)
@@ -211,18 +233,21 @@ class Run:
             self._inject()
             self._enable(supervisor)
         if self.scene.arm == "simulated":
-            supervisor.call("twin/start")
+            for arm in scene.each:
+                supervisor.call(f"{arm.prefix}twin/start")
 
     def _enable(self, supervisor: RunMonitor) -> None:
-        supervisor.call(f"{self._loop.commander}/enable")
-        self.has_begun = True
+        for arm in self.scene.each:
+            supervisor.call(f"{arm.prefix}{self._loop.commander}/enable")
+            self.has_begun = True
 
     def _inject(self) -> None:
         """Inject the scene's faults."""
-        if self.scene.faults:
-            with contextlib.closing(ControlClient(self._links.faults)) as client:
-                for fault in self.scene.faults:
-                    client.inject(fault)
+        for one in self._platforms:
+            if one.faults:
+                with contextlib.closing(ControlClient(self._links[one.prefix].faults)) as client:
+                    for fault in one.faults:
+                        client.inject(fault)
 
     def check(self) -> None:
         """Raise KeyboardInterrupt if a signal has ended the run, and NodeError if a process has ended.
@@ -254,12 +279,12 @@ class Run:
         SoroError
             If a process or a node fails, or this program itself stood still.
         """
-        if self._pulse is not None:
-            self._pulse.renew(left_s + _END_S)
-            if still_s := self._pulse.stood_still_s:
+        for driver, pulse in self._pulses.items():
+            pulse.renew(left_s + _END_S)
+            if still_s := pulse.stood_still_s:
                 raise SoroError(
                     f"this program stood still for {still_s:.1f} s (stopped, or starved), so the "
-                    f"{self._driver} has vented the arm"
+                    f"{driver} has vented the arm"
                 )
         self.check()
         essential = [name for name in self.nodes if not self._spares(name)]
@@ -275,7 +300,7 @@ class Run:
 
     def _spares(self, name: str) -> bool:
         """Whether the run goes on without a node now."""
-        return self.has_started and name in self._loop.observers
+        return self.has_started and _kind(name) in self._loop.observers
 
     def _warn(self, name: str, line: str, has_failed: bool = False) -> None:
         """Report once what became of an observer; `has_failed` if it does not do its work any more."""
@@ -297,16 +322,19 @@ class Run:
             Whether an error has ended the run, such as a trip.
         """
         scene, interrupts = self.scene, len(self._interrupted)
-        skips = not supervisor.error(self._driver) if has_failed else self._loop.empties and not interrupts
+        vented = any(map(supervisor.error, self._drivers))
+        skips = not vented if has_failed else self._loop.empties and not interrupts
         if skips or not (self.has_started and scene.recorder.enabled):
             return
         limit_s = scene.limits.vent_limit_s + REST_S
-        if self._pulse is not None:
-            self._pulse.renew(limit_s + _END_S)
+        for pulse in self._pulses.values():
+            pulse.renew(limit_s + _END_S)
         lockstep = scene.mode == "lockstep"
         if not has_failed and (interrupts or not lockstep):  # in lockstep the controller ends by itself
             try:
-                supervisor.call(f"{self._loop.commander}/vent", URGENT_S if interrupts else ZERO_LIMIT_S)
+                for arm in scene.each:
+                    vent = f"{arm.prefix}{self._loop.commander}/vent"
+                    supervisor.call(vent, URGENT_S if interrupts else ZERO_LIMIT_S)
             except SoroError:
                 return
         now_ns = int(supervisor.node.get_clock().now().nanoseconds)
@@ -314,8 +342,9 @@ class Run:
 
         def goes_on() -> bool:
             """Return whether readings may still come, and nobody asks for the end once more."""
-            twin, driver = supervisor.status.get("twin"), self._children.get(self._driver)
-            ended = driver is None or driver.process.poll() is not None
+            twin = supervisor.status.get(f"{scene.each[0].prefix}twin")
+            drivers = [self._children.get(name) for name in self._drivers]
+            ended = any(driver is None or driver.process.poll() is not None for driver in drivers)
             return not (ended or (twin and twin.message == OVER) or len(self._interrupted) > interrupts)
 
         supervisor.watch_emptying(scene.limits, begin_ns, limit_s, goes_on, lockstep)
@@ -326,19 +355,19 @@ class Run:
         An observer of a run that had started is no such process: `warnings` have its line.
         """
         unclean = {}
-        for name in sorted(END_ORDER, key=lambda name: name != self._driver):
-            child = self._children.pop(name, None)
-            if child is None:
-                continue
-            self._status[name], forced = processes.stop(child, _END_LIMITS_S.get(name, _END_LIMIT_S))
+        order = {kind: place for place, kind in enumerate(END_ORDER)}
+        for name in sorted(self._children, key=lambda name: (name not in self._drivers, order[_kind(name)])):
+            child = self._children.pop(name)
+            self._status[name], forced = processes.stop(child, _END_LIMITS_S.get(_kind(name), _END_LIMIT_S))
             if self._status[name] != 0 and self._spares(name):
                 self._warn(name, child.end_report(forced), has_failed=True)
             elif self._status[name] != 0:
                 unclean[name] = child.end_report(forced)
-        self._links.close()
         self._claims.close()
-        if self._pulse is not None:
-            self._pulse.close()
+        for links in self._links.values():
+            links.close()
+        for pulse in self._pulses.values():
+            pulse.close()
         return unclean
 
     @property
@@ -355,11 +384,11 @@ class Run:
         """State of valves and bag, in one line; after `end`."""
         if not self.has_started:
             air = "ended before control began"
-        elif self._status.get(self._driver) == 0:
+        elif not (left := [name for name in self._drivers if self._status.get(name) != 0]):
             air = "vented"
         else:
             others = "valves with a watchdog vent by themselves, others by the second process"
-            air = f"the {self._driver} ended without venting ({others})"
+            air = f"the {', '.join(left)} ended without venting ({others})"
         if not self.bag.exists():
             return air
         if self._status.get("recorder") == 0:
@@ -371,14 +400,24 @@ class Run:
         self.check()
         supervisor.check_alone(configs)
         self._report(f"starting {', '.join(configs)}")
-        for name, config in configs.items():
-            ending = with_changes(config, end_on_failed_start=True)
-            command = processes.node_command(name, ending, self.scene.name, self.folder)
-            pipe = self._pulse.pipe if self._pulse is not None and name == self._driver else None
-            child = self._starter.start(name, command, self.folder, pipe=pipe)
-            self._children[name] = child
-            self.nodes.append(name)
-            supervisor.listen_to(name, child.process.pid)
+        ending = {name: with_changes(config, end_on_failed_start=True) for name, config in configs.items()}
+        # The twins of several arms are one process, because they are one world.
+        twins = {name: config for name, config in ending.items() if _kind(name) == "twin"}
+        groups = [{name: config} for name, config in ending.items() if len(twins) < 2 or name not in twins]
+        for nodes in ([twins] if len(twins) > 1 else []) + groups:
+            (name, config), *others = nodes.items()
+            if others:
+                command = processes.arms_command(nodes, self.scene.name, self.folder)
+            else:
+                command = processes.node_command(name, config, self.scene.name, self.folder)
+            pulse = self._pulses.get(name)
+            called = _kind(name) if others else name
+            pipe = pulse.pipe if pulse else None
+            child = self._starter.start(called, command, self.folder, pipe=pipe)
+            for node in nodes:
+                self._children[node] = child
+                self.nodes.append(node)
+                supervisor.listen_to(node, child.process.pid)
 
         def missing() -> list[str]:
             return [name for name in configs if not supervisor.active(name)]
@@ -416,13 +455,19 @@ class Run:
         self.check()
         supervisor.check_alone(self.nodes)
 
-    def _wait_for_arm(self, supervisor: RunMonitor) -> None:
-        """Wait until a sample of the real arm has come to the node that needs it."""
-        node, count = ("shadow", "compared") if self._loop.shadow else (self._loop.commander, "samples")
-        what = "pose of the arm on sensors/pose0" if self._loop.shadow else "sample of the arm on sensors/"
+    def _wait_for_arm(self, supervisor: RunMonitor, arm: str) -> None:
+        """Wait until a sample of a real arm has come to the node that needs it."""
+        kind, count = ("shadow", "compared") if self._loop.shadow else (self._loop.commander, "samples")
+        node, topic = f"{arm}{kind}", f"{arm}sensors/"
+        what = f"pose of the arm on {topic}pose0" if self._loop.shadow else f"sample of the arm on {topic}"
         self._report(f"waiting for the {what}")
 
         def arrived() -> bool:
             return int(supervisor.values(node).get(count, 0)) > 0
 
         supervisor.wait(what, arrived, self.check, POSE_LIMIT_S)
+
+
+def _kind(name: str) -> str:
+    """Return the name of a node without that of its arm."""
+    return name.rpartition("/")[2]

@@ -14,9 +14,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from soro_core.config import find_config
+from soro_core.config import find_config, with_changes
 from soro_core.errors import ConfigError, HardwareError, SoroError
 from soro_core.extras import require
+from soro_core.robot import load_robot, save_robot
 from soro_hardware.doctor import check_device
 from soro_lab.run_folder import new_folder
 from soro_lab.scene import Scene, load_scene
@@ -63,14 +64,18 @@ def prepare(
         Its file.
     """
     scene = load_scene(name, changes)
-    require("ros", *(["hardware"] if scene.platform else []), *extras)
-    if scene.model is not None and scene.model.auto:
+    require("ros", *(["hardware"] if scene.platforms else []), *extras)
+    if any(arm.model is not None and arm.model.auto for arm in scene.each):
         from soro_lab.trade import with_chosen_model
 
-        scene = with_chosen_model(scene, called=name)
+        if scene.arms:
+            chosen = {key: with_chosen_model(arm, called=arm.name) for key, arm in scene.arms.items()}
+            scene = scene.with_arms(chosen)
+        else:
+            scene = with_chosen_model(scene, called=name)
     where = str(find_config(name, "scenes"))
     warnings = check(scene, where)
-    if scene.mode == "real_time" and scene.platform:
+    if scene.mode == "real_time" and scene.platforms:
         from soro_ros.host.middleware import stall_warning
 
         warnings += stall_warning()
@@ -98,10 +103,34 @@ def make_folder(parent: Path, scene: Scene, where: str) -> Path:
     return target
 
 
+def with_robot_files(scene: Scene, folder: Path) -> Scene:
+    """Return a scene whose nodes read each robot at its place: from a file in the folder of the run.
+
+    Parameters
+    ----------
+    scene : Scene
+    folder : Path
+        Folder of the run.
+    """
+    if scene.arms:
+        return scene.with_arms({name: with_robot_files(arm, folder) for name, arm in scene.arms.items()})
+    if not scene.place:
+        return scene
+    file = folder / "robots" / f"{scene.prefix.rstrip('/') or scene.name}.yaml"
+    file.parent.mkdir(exist_ok=True)
+    save_robot(scene.loaded_robot, file)
+    changed = scene.with_robot_file(str(file))
+    if not scene.twin.plant:
+        return changed
+    plant = file.with_stem(f"{file.stem}_plant")
+    save_robot(load_robot(scene.twin.plant).replace(**scene.place), plant)
+    return changed.with_twin(with_changes(scene.twin, plant=str(plant)))
+
+
 def _check_devices(scene: Scene) -> None:
     """Refuse real valves whose adapter or port does not exist."""
-    if scene.valves == "real" and scene.loaded_platform is not None:
-        for finding in check_device(scene.device or scene.loaded_platform.device or ""):
+    for one in scene.platforms if scene.valves == "real" else ():
+        for finding in check_device(one.own_device):
             if finding.level == "fail":
                 raise HardwareError(finding.do, finding.found, "open")
 
@@ -202,12 +231,12 @@ def execute(
             console.print(f"[dim]{escape(line)}[/dim]", soft_wrap=True)
 
     forks = ForkServer(folder)  # before this process has threads
-    run = Run(scene, folder, report, interrupted, loop, forks)
+    run = Run(with_robot_files(scene, folder), folder, report, interrupted, loop, forks)
     errors: list[str] = []
     failed = ""  # name of the node that failed first
     is_refused = False
     try:
-        with forks, RunMonitor(scene.name) as supervisor:
+        with forks, RunMonitor(scene.name, [arm.prefix for arm in scene.each]) as supervisor:
             try:
                 run.claim(supervisor.node)
                 run.start(supervisor)

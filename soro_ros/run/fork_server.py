@@ -164,12 +164,11 @@ def warm(file: str) -> None:
     from soro_lab.scene.loop import loop_of
 
     with contextlib.suppress(Exception), compiling_once():
-        scene = load_scene(file)
-        twin = Twin(
-            scene.loaded_robot, with_changes(scene.twin_node(), pressures="regulators", plant_link="")
-        )
-        for _ in loop_of(scene).run(twin, 3, twin.dt, before_s=-twin.dt):
-            pass
+        for scene in load_scene(file).each:
+            config = with_changes(scene.twin_node(), pressures="regulators", plant_link="", plant_chambers=())
+            twin = Twin(scene.loaded_robot, config)
+            for _ in loop_of(scene).run(twin, 3, twin.dt, before_s=-twin.dt):
+                pass
     gc.collect()
     gc.freeze()
 

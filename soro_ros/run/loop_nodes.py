@@ -19,9 +19,9 @@ class LoopNodes:
     Attributes
     ----------
     nodes : mapping of str to Strict
-        Their parameters, by name.
+        Their parameters, by name, behind that of an arm of several: ``left/controller``.
     commander : str
-        Name of the node that commands: it is enabled at the begin.
+        Name of the node of each arm that commands: it is enabled at the begin.
     shadow : bool
         Whether the twin runs beside a real arm.
     observers : frozenset of str
@@ -38,8 +38,11 @@ class LoopNodes:
 
 
 def control_loop(scene: Scene) -> LoopNodes:
-    """Return estimator and controller of a scene."""
-    nodes = {"estimator": scene.estimator_node(), "controller": scene.controller_node()}
+    """Return estimator and controller of each arm of a scene."""
+    nodes: dict[str, Strict] = {}
+    for arm in scene.each:
+        nodes[f"{arm.prefix}estimator"] = arm.estimator_node()
+        nodes[f"{arm.prefix}controller"] = arm.controller_node()
     return LoopNodes(nodes, "controller")
 
 

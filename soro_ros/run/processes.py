@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -165,11 +165,11 @@ def node_command(name: str, config: BaseModel, namespace: str, folder: Path) -> 
     Parameters
     ----------
     name : str
-        Name of the node.
+        Name of the node, behind that of its arm where there are several: ``left/controller``.
     config : pydantic.BaseModel
         Its parameters.
     namespace : str
-        Namespace of the robot.
+        Namespace of the run.
     folder : Path
         Folder of the run.
 
@@ -177,13 +177,38 @@ def node_command(name: str, config: BaseModel, namespace: str, folder: Path) -> 
     -------
     list of str
     """
+    inner, _, kind = f"{namespace}/{name}".rpartition("/")
+    file = _parameter_file(name, "/**", config, folder)
+    module = [sys.executable, "-m", f"soro_ros.nodes.{kind}"]
+    return [*module, "--ros-args", "--params-file", str(file), "-r", f"__ns:=/{inner}"]
+
+
+def arms_command(configs: Mapping[str, BaseModel], namespace: str, folder: Path) -> list[str]:
+    """Return the command line of the nodes of one kind of several arms, as one process; see `node_command`.
+
+    Parameters
+    ----------
+    configs : mapping of str to pydantic.BaseModel
+        Parameters by the names of the nodes.
+    namespace : str
+    folder : Path
+    """
+    full = {name: f"/{namespace}/{name}" for name in configs}
+    files = [_parameter_file(name, full[name], config, folder) for name, config in configs.items()]
+    options = [text for file in files for text in ("--params-file", str(file))]
+    namespaces = [name.rpartition("/")[0] for name in full.values()]
+    kind = next(iter(configs)).rpartition("/")[2]
+    return [sys.executable, "-m", f"soro_ros.nodes.{kind}", *namespaces, "--ros-args", *options]
+
+
+def _parameter_file(name: str, entry: str, config: BaseModel, folder: Path) -> Path:
+    """Write the parameters of a node for an entry of its file."""
     file = folder / "parameters" / f"{name}.yaml"
     file.parent.mkdir(parents=True, exist_ok=True)
     # Nested as in a scene. ROS has no null: a key that is None is left out, and None is its default.
     section = _without_empty_mappings(config.model_dump(mode="json", exclude_none=True))
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": section}}, sort_keys=False))
-    module = [sys.executable, "-m", f"soro_ros.nodes.{name}"]
-    return [*module, "--ros-args", "--params-file", str(file), "-r", f"__ns:=/{namespace}"]
+    file.write_text(yaml.safe_dump({entry: {"ros__parameters": section}}, sort_keys=False))
+    return file
 
 
 def _without_empty_mappings(section: dict[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 
 import numpy as np
@@ -44,6 +44,8 @@ class RunMonitor:
     ----------
     namespace : str
         Namespace of the robot's nodes.
+    arms : sequence of str
+        What stands before the names of the nodes of each arm of several, ``left/``.
 
     Attributes
     ----------
@@ -55,15 +57,17 @@ class RunMonitor:
         Latest status by name of node.
     """
 
-    def __init__(self, namespace: str) -> None:
+    def __init__(self, namespace: str, arms: Sequence[str] = ("",)) -> None:
         middleware.init()
+        self._arms = arms
         self.node = Node("supervisor", namespace=namespace)
         self._prefix = f"/{namespace}/"
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 100)
         self.node.create_subscription(Clock, "/clock", self._on_clock, qos.RELIABLE)
         self._first_subscriptions = {
             topic: self.node.create_subscription(kind, topic, partial(self._on_first, topic), qos.NEWEST)
-            for topic, kind in ((_COMMAND, JointState), (_DESIRED, PoseStamped))
+            for arm in arms
+            for topic, kind in ((arm + _COMMAND, JointState), (arm + _DESIRED, PoseStamped))
         }
         self._first_s: dict[str, float] = {}  # wall time of the first message
         self._executor = EventsExecutor()
@@ -107,13 +111,14 @@ class RunMonitor:
 
     @property
     def commanded(self) -> bool:
-        """Whether the controller has sent a command, zero or not: readings and estimates then reach it."""
-        return _COMMAND in self._first_s
+        """Whether each controller has sent a command, zero or not: readings and estimates then reach it."""
+        return all(arm + _COMMAND in self._first_s for arm in self._arms)
 
     @property
     def controlled_s(self) -> float:
-        """Wall time [s] since the controller's first set point; 0 before it."""
-        return time.monotonic() - self._first_s[_DESIRED] if _DESIRED in self._first_s else 0.0
+        """Wall time [s] since the first set point of each controller; 0 before it."""
+        first_s = [self._first_s.get(arm + _DESIRED, math.inf) for arm in self._arms]
+        return max(0.0, time.monotonic() - max(first_s))
 
     def active(self, name: str) -> bool:
         """Whether a node reports that it is active."""
@@ -180,7 +185,7 @@ class RunMonitor:
         """Raise ConfigError if another node publishes /clock too: nodes in lockstep would follow both."""
         endpoints = self.node.get_publishers_info_by_topic("/clock")
         names = {f"{one.node_namespace.rstrip('/')}/{one.node_name}" for one in endpoints}
-        if others := sorted(names - {f"{self._prefix}twin"}):
+        if others := sorted(names - {f"{self._prefix}{self._arms[0]}twin"}):
             raise claims.taken(self.node, "/clock", ", ".join(others))
 
     def wait(
@@ -253,20 +258,28 @@ class RunMonitor:
         goes_on : callable
         lockstep : bool
         """
-        empty_ns, rests, heard_s = None, False, time.monotonic()
+        empty_ns: dict[str, int | None] = dict.fromkeys(self._arms)
+        resting, heard_s = set[str](), time.monotonic()
 
-        def take(message: JointState) -> None:
-            nonlocal empty_ns, rests, heard_s
+        def take(arm: str, message: JointState) -> None:
+            nonlocal heard_s
             now_ns, heard_s = messages.to_ns(message.header.stamp), time.monotonic()
             if now_ns >= begin_ns:
-                empty_ns = empty_since(limits, empty_ns, np.array(message.effort), now_ns)
-                quiet_s = 0.0 if empty_ns is None else 1e-9 * (now_ns - empty_ns)
-                rests = rests or quiet_s >= REST_S or now_ns - begin_ns >= 1e9 * limit_s
+                empty_ns[arm] = since = empty_since(limits, empty_ns[arm], np.array(message.effort), now_ns)
+                quiet_s = 0.0 if since is None else 1e-9 * (now_ns - since)
+                if quiet_s >= REST_S or now_ns - begin_ns >= 1e9 * limit_s:
+                    resting.add(arm)
 
-        subscription = self.node.create_subscription(JointState, _READINGS, take, qos.sensor(lockstep))
-        while not rests and goes_on() and time.monotonic() - heard_s < SILENT_READINGS_S:
+        subscriptions = [
+            self.node.create_subscription(
+                JointState, arm + _READINGS, partial(take, arm), qos.sensor(lockstep)
+            )
+            for arm in self._arms
+        ]
+        while len(resting) < len(self._arms) and goes_on() and time.monotonic() - heard_s < SILENT_READINGS_S:
             self.spin(0.05)
-        self.node.destroy_subscription(subscription)
+        for subscription in subscriptions:
+            self.node.destroy_subscription(subscription)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

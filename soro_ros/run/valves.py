@@ -58,7 +58,7 @@ def start_valves(scene: Scene, folder: Path, links: Links, start: Callable[..., 
     if scene.mode == "lockstep":
         command.append("--lockstep")
     # Above the priority of the driver: real devices have processors of their own.
-    return start("valves", command, folder, 40 if scene.mode == "real_time" else 0)
+    return start(f"{scene.prefix}valves", command, folder, 40 if scene.mode == "real_time" else 0)
 
 
 def wait_for_valves(valves: Child, check: Callable[[], None]) -> None:

@@ -19,7 +19,7 @@ from soro_core.control.laws.registry import find_law
 from soro_core.errors import ConfigError, SoroError
 from soro_core.robot import Robot
 from soro_core.twin.config import described_plant
-from soro_lab.scene import Scene, check_gains, check_scene, load_scene
+from soro_lab.scene import Scene, check_gains, check_scene, load_scene, require_one_arm
 from soro_ros.recordings import report
 from soro_ros.recordings.verdict import judge
 from soro_ros.run.end import End
@@ -144,7 +144,7 @@ class VariedScene:
         return value
 
     def _loaded(self, changes: Mapping[str, Any]) -> Scene:
-        scene = load_scene(self._name, {**self._changes, **changes})
+        scene = require_one_arm(load_scene(self._name, {**self._changes, **changes}), self._name)
         if scene.model is not None and scene.model.auto:
             from soro_lab.trade import with_chosen_model
 

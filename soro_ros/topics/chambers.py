@@ -1,4 +1,7 @@
-"""Topics and services of the chambers, for the regulator node or the twin in its place."""
+"""Topics and services of the chambers, for the regulator node or the twin in its place.
+
+Of valves that several arms share, the topics of each arm stand in its namespace below that of the node.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,7 @@ from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
 
 from soro_core.arrays import Array
-from soro_core.safety import Limiter
+from soro_core.safety import ArmLimiter, Limiter
 from soro_ros.conversion import messages, qos
 from soro_ros.host import pulse
 from soro_ros.status_words import REQUESTED, VENTED
@@ -67,22 +70,16 @@ class ChamberInterface:
         device: str = "",
         note: Callable[[str, str], None] = lambda event, text: None,
     ) -> None:
-        self._node, self._limiter, self._now_ns = node, limiter, now_ns
-        self._stamp_now_ns, self._on_command, self._on_latch = stamp_now_ns, on_command, on_latch
+        self._node, self._limiter, self.now_ns = node, limiter, now_ns
+        self.stamp_now_ns, self.on_command, self._on_latch = stamp_now_ns, on_command, on_latch
         self._follow_shared_name, self._note = follow_shared_name, note
         self._reported: tuple[str | None, str | None] = None, None
-        self._seen_ns = -1
-        # Stamps ahead of the time: in lockstep a command may come before the tick that it answers.
-        self._early_ns: deque[int] = deque(maxlen=100)
-        self._publisher = node.create_publisher(JointState, "chambers/state", qos.loop(lockstep))
-        self._latch = node.create_publisher(DiagnosticStatus, "chambers/latch", qos.LATCHED)
         self._device = device
+        self._arms = [
+            _ArmTopics(self, node, own, f"{arm}/" if arm else "", lockstep, on_publishers)
+            for arm, own in limiter.of_arms().items()
+        ]
         self._publish_latch()
-        topics = (
-            (JointState, "chambers/command", qos.command(lockstep), _name, self._on_joint_state),
-            (Float64MultiArray, "chambers/commands", qos.array(lockstep), _no_name, self._on_array),
-        )
-        self._topics = [CommandTopic(node, *topic, on_publishers) for topic in topics]
         launcher = None if lockstep else pulse.listener()
         if launcher is not None:
             check = partial(self._check_launcher, launcher)
@@ -105,20 +102,14 @@ class ChamberInterface:
 
     @property
     def seen_ns(self) -> int:
-        """Stamp of the latest message on chambers/command, accepted or not, up to now.
-
-        One from the future would let a twin in lockstep run ahead until then.
-        """
-        due = [one for one in self._early_ns if one <= self._stamp_now_ns()]
-        for one in due:
-            self._early_ns.remove(one)
-        self._seen_ns = max(self._seen_ns, *due) if due else self._seen_ns
-        return self._seen_ns
+        """Stamp of the latest message on chambers/command, of several arms that of the last one."""
+        return min(arm.seen_ns for arm in self._arms)
 
     @property
     def second_publisher(self) -> str | None:
         """Topics of commands with more than one publisher, and the nodes; None without such a topic."""
-        return "; ".join(topic.conflict for topic in self._topics if topic.conflict) or None
+        topics = [topic for arm in self._arms for topic in arm.topics]
+        return "; ".join(topic.conflict for topic in topics if topic.conflict) or None
 
     @property
     def problem(self) -> tuple[bytes, str] | None:
@@ -130,7 +121,9 @@ class ChamberInterface:
 
     def publish(self, reading_pa: Array, stamp_ns: int) -> None:
         """Publish readings on chambers/state."""
-        self._publisher.publish(messages.chambers(self._limiter.names, reading_pa, stamp_ns))
+        for arm in self._arms:
+            own_pa = reading_pa[arm.limiter.columns]
+            arm.readings.publish(messages.chambers(arm.limiter.names, own_pa, stamp_ns))
 
     def _check_launcher(self, launcher: pulse.Listener) -> None:
         """Vent while the program that runs the arm gives no sign of life."""
@@ -146,53 +139,30 @@ class ChamberInterface:
         vented = cause is not None and kept is None
         values = {"latched": _flag(cause is not None), "vented": _flag(vented)}
         values |= {"cause": cause or "", "not_vented": kept or ""}
-        self._latch.publish(
-            DiagnosticStatus(
-                level=OK if complaint is None else ERROR,
-                name=self._node.get_fully_qualified_name(),
-                message="open" if complaint is None else f"{VENTED}: {complaint}",
-                hardware_id=self._device or NONE,
-                values=[KeyValue(key=key, value=value) for key, value in values.items()],
-            )
+        message = DiagnosticStatus(
+            level=OK if complaint is None else ERROR,
+            name=self._node.get_fully_qualified_name(),
+            message="open" if complaint is None else f"{VENTED}: {complaint}",
+            hardware_id=self._device or NONE,
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )
+        for arm in self._arms:
+            arm.latch.publish(message)
 
-    def _on_joint_state(self, message: JointState, doubt: str | None) -> None:
-        stamp_ns = messages.to_ns(message.header.stamp)
-        now_ns = self._stamp_now_ns()
-        self._seen_ns = max(self._seen_ns, min(stamp_ns, now_ns))
-        if stamp_ns > now_ns:
-            self._early_ns.append(stamp_ns)
-        if message.name or message.effort:  # in lockstep an empty message means: no command at this tick
-            try:
-                command = messages.pressures(message, self._limiter.names)
-            except ValueError as error:
-                self._refused(f"chambers/command: {error}")
-            else:
-                # Stamps use the ROS clock, which can be set; ages use a steady clock.
-                age_ns = self._stamp_now_ns() - stamp_ns
-                # frame_id distinguishes two programs on one topic.
-                source = f"chambers/command {_name(message)}".rstrip()
-                self._offer(command, self._now_ns() - age_ns, source, doubt)
-        self._on_command()
-
-    def _on_array(self, message: Float64MultiArray, doubt: str | None) -> None:
-        # A message without a stamp may have waited since the last cycle; the later of several is the newer.
-        state, source = self._limiter.state, "chambers/commands"
-        stamp_ns = self._now_ns() if state.cycle_ns is None else state.cycle_ns
-        if state.command_source == source:
-            stamp_ns = max(stamp_ns, state.command_stamp_ns + 1)
-        self._offer(np.array(message.data, dtype=np.float64), stamp_ns, source, doubt)
-
-    def _offer(self, command_pa: Array, stamp_ns: int, source: str, doubt: str | None) -> None:
+    def offer(
+        self, limiter: Limiter | ArmLimiter, command_pa: Array, stamp_ns: int, source: str, doubt: str | None
+    ) -> None:
+        """Offer a command of an arm to its limiter, or refuse one of a doubtful source."""
         if doubt is not None and not self._follow_shared_name:
-            self._limiter.doubt(doubt, source)
-            self._refused(doubt)
+            limiter.doubt(doubt, source)
+            self.refused(doubt)
             return
-        refusal = self._limiter.offer(command_pa, stamp_ns, self._now_ns(), source)
+        refusal = limiter.offer(command_pa, stamp_ns, self.now_ns(), source)
         if refusal is not None:
-            self._refused(refusal)
+            self.refused(refusal)
 
-    def _refused(self, reason: str) -> None:
+    def refused(self, reason: str) -> None:
+        """Log that a command was refused."""
         line = messages.one_line(f"command refused: {reason}")
         self._node.get_logger().warning(line, throttle_duration_sec=1.0)
 
@@ -209,11 +179,75 @@ class ChamberInterface:
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = self._limiter.reset(self._now_ns)
+        refusal = self._limiter.reset(self.now_ns)
         self._note("reset refused" if refusal else "reset", refusal or "")
         self.report_latch()
         response.success, response.message = refusal is None, refusal or "reset"
         return response
+
+
+class _ArmTopics:
+    """The topics of the chambers of one arm: commands in, readings and the latch out."""
+
+    def __init__(
+        self,
+        owner: ChamberInterface,
+        node: Node,
+        limiter: Limiter | ArmLimiter,
+        prefix: str,
+        lockstep: bool,
+        on_publishers: Callable[[], None],
+    ) -> None:
+        self._owner, self.limiter = owner, limiter
+        self._seen_ns = -1
+        # Stamps ahead of the time: in lockstep a command may come before the tick that it answers.
+        self._early_ns: deque[int] = deque(maxlen=100)
+        self.readings = node.create_publisher(JointState, f"{prefix}chambers/state", qos.loop(lockstep))
+        self.latch = node.create_publisher(DiagnosticStatus, f"{prefix}chambers/latch", qos.LATCHED)
+        topics = (
+            (JointState, f"{prefix}chambers/command", qos.command(lockstep), _name, self._on_joint_state),
+            (Float64MultiArray, f"{prefix}chambers/commands", qos.array(lockstep), _no_name, self._on_array),
+        )
+        self.topics = [CommandTopic(node, *topic, on_publishers) for topic in topics]
+
+    @property
+    def seen_ns(self) -> int:
+        """Stamp of the latest message on chambers/command, accepted or not, up to now.
+
+        One from the future would let a twin in lockstep run ahead until then.
+        """
+        due = [one for one in self._early_ns if one <= self._owner.stamp_now_ns()]
+        for one in due:
+            self._early_ns.remove(one)
+        self._seen_ns = max(self._seen_ns, *due) if due else self._seen_ns
+        return self._seen_ns
+
+    def _on_joint_state(self, message: JointState, doubt: str | None) -> None:
+        stamp_ns = messages.to_ns(message.header.stamp)
+        now_ns = self._owner.stamp_now_ns()
+        self._seen_ns = max(self._seen_ns, min(stamp_ns, now_ns))
+        if stamp_ns > now_ns:
+            self._early_ns.append(stamp_ns)
+        if message.name or message.effort:  # in lockstep an empty message means: no command at this tick
+            try:
+                command = messages.pressures(message, self.limiter.names)
+            except ValueError as error:
+                self._owner.refused(f"chambers/command: {error}")
+            else:
+                # Stamps use the ROS clock, which can be set; ages use a steady clock.
+                age_ns = self._owner.stamp_now_ns() - stamp_ns
+                # frame_id distinguishes two programs on one topic.
+                source = f"chambers/command {_name(message)}".rstrip()
+                self._owner.offer(self.limiter, command, self._owner.now_ns() - age_ns, source, doubt)
+        self._owner.on_command()
+
+    def _on_array(self, message: Float64MultiArray, doubt: str | None) -> None:
+        # A message without a stamp may have waited since the last cycle; the later of several is the newer.
+        state, source = self.limiter.state, "chambers/commands"
+        stamp_ns = self._owner.now_ns() if state.cycle_ns is None else state.cycle_ns
+        if state.command_source == source:
+            stamp_ns = max(stamp_ns, state.command_stamp_ns + 1)
+        self._owner.offer(self.limiter, np.array(message.data, dtype=np.float64), stamp_ns, source, doubt)
 
 
 def _flag(value: bool) -> str:

@@ -11,6 +11,7 @@ from pathlib import Path
 from soro_core.errors import SoroError
 from soro_lab.scene import Scene
 from soro_ros.run import processes
+from soro_ros.run.execution import with_robot_files
 from soro_ros.view.config import ViewerConfig
 
 _START_LIMIT_S = 60.0
@@ -36,14 +37,21 @@ def viewing(scene: Scene, folder: Path, interrupted: Sequence[int]) -> Iterator[
     SoroError
         If it does not start.
     """
-    payload_kg = scene.twin.payload_kg if scene.arm == "simulated" else 0.0
     with tempfile.TemporaryDirectory(prefix="soro-view-") as private:  # of this user alone, unlike the log
         told = Path(private) / "address"
-        robot = scene.estimator_node().robot
-        config = ViewerConfig(robot=robot, payload_kg=payload_kg, address_file=str(told))
-        child = processes.start(
-            "viewer", processes.node_command("viewer", config, scene.name, folder), folder
-        )
+        configs = {
+            f"{arm.prefix}viewer": ViewerConfig(
+                robot=arm.robot,
+                payload_kg=arm.twin.payload_kg if scene.arm == "simulated" else 0.0,
+                address_file=str(told),
+            )
+            for arm in with_robot_files(scene, folder).each
+        }
+        if scene.arms:
+            command = processes.arms_command(configs, scene.name, folder)
+        else:
+            command = processes.node_command("viewer", configs["viewer"], scene.name, folder)
+        child = processes.start("viewer", command, folder)
         try:
             yield _address(child, told, interrupted)
         finally:

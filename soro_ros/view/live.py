@@ -82,14 +82,12 @@ class Buttons:
         node = self._node
         prefix = node.get_namespace().rstrip("/") + "/"
         names = [name for name, _ in node.get_service_names_and_types()]
-        nodes = [name for name in names if re.fullmatch(f"{re.escape(prefix)}[^/]+/{button}", name)]
-        if button != "reset":
-            return nodes
         drivers = {
-            f"{one.node_namespace.rstrip('/')}/{one.node_name}/reset"
+            f"{one.node_namespace.rstrip('/')}/{one.node_name}/{button}"
             for one in node.get_publishers_info_by_topic(f"{prefix}chambers/state")
         }
-        return [name for name in nodes if name in drivers]
+        own = f"{re.escape(prefix)}[^/]+/{button}"  # the driver of arms that share their valves is outside
+        return [name for name in names if name in drivers or (button != "reset" and re.fullmatch(own, name))]
 
 
 _COLOURS: dict[str, Literal["green", "red", "gray"]] = {"enable": "green", "vent": "red", "reset": "gray"}
@@ -105,16 +103,20 @@ class LivePage(ViewerPage):
     server : viser.ViserServer
     robot : Robot
     payload_kg : float
+    arm : str
+        Name of one of several arms.
     """
 
-    def __init__(self, node: Node, server: viser.ViserServer, robot: Robot, payload_kg: float) -> None:
+    def __init__(
+        self, node: Node, server: viser.ViserServer, robot: Robot, payload_kg: float, arm: str = ""
+    ) -> None:
         self.buttons = Buttons(node, self._tell)
         self._answers: list[str] = []
         for name in BUTTONS:
-            button = server.gui.add_button(name, color=_COLOURS[name])
+            button = server.gui.add_button(f"{name} {arm}".rstrip(), color=_COLOURS[name])
             button.on_click(partial(self._press, name))
-        self._answer = server.gui.add_text("answers", "", multiline=True, disabled=True)
-        super().__init__(server, robot, payload_kg)
+        self._answer = server.gui.add_text(f"answers {arm}".rstrip(), "", multiline=True, disabled=True)
+        super().__init__(server, robot, payload_kg, arm)
 
     def _press(self, name: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
         self.buttons.press(name)

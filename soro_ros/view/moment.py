@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from soro_core.arrays import Array
 from soro_ros.conversion import messages
 from soro_ros.conversion.force import force_of, stage_of
-from soro_ros.status_words import VENTED
+from soro_ros.status_words import VENTED, node_of
 
 BACKBONE, TIP, WANTED = "arm/backbone", "arm/tip", "arm/desired/tip"
 PRESSURES, LATCH = "chambers/state", "chambers/latch"
@@ -120,8 +120,8 @@ class Received:
         """
         if topic == DIAGNOSTICS:
             for status in message.status:
-                if status.name.startswith(self._prefix):
-                    self._nodes[status.name.removeprefix(self._prefix)] = (now_s, status)
+                if (name := node_of(status.name, self._prefix)) is not None:
+                    self._nodes[name] = (now_s, status)
             return
         self._newest[topic] = (now_s, message)
         if topic == PRESSURES:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Sequence
 from typing import Any, TypeVar
@@ -123,9 +124,14 @@ class ViewerPage:
         Its skin, and its obstacles.
     payload_kg : float
         Payload drawn at the tip; 0 for none.
+    name : str
+        Of one of several arms: its drawings and its part of the panel have it.
     """
 
-    def __init__(self, server: viser.ViserServer, robot: Robot, payload_kg: float = 0.0) -> None:
+    def __init__(
+        self, server: viser.ViserServer, robot: Robot, payload_kg: float = 0.0, name: str = ""
+    ) -> None:
+        self._name, self._own = name, f"/{name}" if name else ""
         self._server, self._robot, self._skin = server, robot, Skin(robot, payload_kg=payload_kg)
         self._vertices: list[Array] = []
         self._head = ""
@@ -137,10 +143,11 @@ class ViewerPage:
         self._make_surroundings(length)
         self._make_arm(length, radius)
         gui = server.gui
-        self._valves = gui.add_text("valves", "", multiline=True, disabled=True)
-        self._state = gui.add_text("arm", "", disabled=True)
-        self._faults = gui.add_text("faults", "", multiline=True, disabled=True)
-        self.plots = Plots(gui, robot.chamber_names, self._most_pa)
+        with gui.add_folder(name) if name else contextlib.nullcontext():
+            self._valves = gui.add_text("valves", "", multiline=True, disabled=True)
+            self._state = gui.add_text("arm", "", disabled=True)
+            self._faults = gui.add_text("faults", "", multiline=True, disabled=True)
+            self.plots = Plots(gui, robot.chamber_names, self._most_pa)
 
     def show(self, past: Sequence[Moment], at_once: bool = False) -> None:
         """Draw the last moment, with trails and plots of those before it; the plots only now and then,
@@ -158,28 +165,28 @@ class ViewerPage:
         set_value(self._valves, now.valves)
         set_value(self._state, _state(now))
         set_value(self._faults, "\n".join(now.faults) or "none")
-        head = "soro: vented" if now.latched else "soro"
+        head = f"soro: {self._name} vented".replace("  ", " ") if now.latched else "soro"
         if head != self._head:
             self._head = head
             self._server.gui.set_panel_label(head)
 
     def _make_arm(self, length: float, radius: float) -> None:
-        scene = self._server.scene
+        scene, own = self._server.scene, self._own
         straight = np.tile(np.eye(4), (2, 1, 1))
         straight[1, 2, 3] = length
         colours = self._skin.colours({})
         self._meshes = [
-            scene.add_mesh_simple(f"/arm/{name}", vertices, faces, color=_rgb(colour), visible=False)
+            scene.add_mesh_simple(f"{own}/arm/{name}", vertices, faces, color=_rgb(colour), visible=False)
             for name, faces, vertices, colour in zip(
                 self._skin.names, self._skin.triangles, self._skin.vertices(straight), colours, strict=True
             )
         ]
         self._frames = [
-            scene.add_frame(f"/{name}", visible=False, axes_length=0.12 * length, axes_radius=0.003 * length)
-            for name in ("base", "tip")
+            scene.add_frame(name, visible=False, axes_length=0.12 * length, axes_radius=0.003 * length)
+            for name in (f"{own}/base", f"{own}/tip")
         ]
         self._force = scene.add_arrows(
-            "/force",
+            f"{own}/force",
             _NOTHING,
             _CONTACT,
             shaft_radius=0.08 * radius,
@@ -187,11 +194,11 @@ class ViewerPage:
             head_length=0.4 * radius,
             visible=False,
         )
-        self._wanted = scene.add_icosphere("/wanted", 0.15 * radius, color=_REFERENCE, visible=False)
+        self._wanted = scene.add_icosphere(f"{own}/wanted", 0.15 * radius, color=_REFERENCE, visible=False)
         self._touching = (
             [
                 scene.add_icosphere(
-                    f"/contact/{k}", 1.15 * radius, color=_CONTACT, opacity=0.5, visible=False
+                    f"{own}/contact/{k}", 1.15 * radius, color=_CONTACT, opacity=0.5, visible=False
                 )
                 for k in range(self._robot.contacts.points_per_link * len(self._robot.links))
             ]
@@ -199,10 +206,10 @@ class ViewerPage:
             else []
         )
         self._reference = scene.add_line_segments(
-            "/trail/reference", _NOTHING, _REFERENCE, thickness=2.0, thickness_units="screen"
+            f"{own}/trail/reference", _NOTHING, _REFERENCE, thickness=2.0, thickness_units="screen"
         )
         self._tip_trail = scene.add_line_segments(
-            "/trail/tip", _NOTHING, _TIP, thickness=4.0, thickness_units="screen"
+            f"{own}/trail/tip", _NOTHING, _TIP, thickness=4.0, thickness_units="screen"
         )
 
     def _make_surroundings(self, length: float) -> None:
@@ -212,7 +219,7 @@ class ViewerPage:
         contacts = self._robot.contacts
         for k, plane in enumerate(contacts.planes if contacts else ()):
             scene.add_box(
-                f"/obstacle/plane{k}",
+                f"{self._own}/obstacle/plane{k}",
                 color=_OBSTACLE,
                 opacity=0.5,
                 dimensions=(2 * length, 2 * length, 1e-3 * length),
@@ -221,7 +228,7 @@ class ViewerPage:
             )
         for k, sphere in enumerate(contacts.spheres if contacts else ()):
             scene.add_icosphere(
-                f"/obstacle/sphere{k}",
+                f"{self._own}/obstacle/sphere{k}",
                 sphere.radius,
                 color=_OBSTACLE,
                 opacity=0.5,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from bisect import bisect_left
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -121,22 +121,26 @@ class RecordedPage:
     Parameters
     ----------
     server : viser.ViserServer
-    robot : Robot
-    recorded : sequence of Moment
+    arms : mapping of str to tuple
+        Robot and moments of each arm by its name; that of a single one may be empty. The first sets the time.
     trail_s : float
         Length of trails and plots [s].
     """
 
     def __init__(
-        self, server: viser.ViserServer, robot: Robot, recorded: Sequence[Moment], trail_s: float
+        self,
+        server: viser.ViserServer,
+        arms: Mapping[str, tuple[Robot, Sequence[Moment]]],
+        trail_s: float,
     ) -> None:
-        self._server, self._recorded, self._trail_s = server, recorded, trail_s
-        self._times = [moment.t_s for moment in recorded]
+        self._server, self._trail_s = server, trail_s
+        self._recorded = [moments for _, moments in arms.values()]
+        self._times = [moment.t_s for moment in self._recorded[0]]
         end_s = max(self._times[-1], 1e-3)
         self._button = server.gui.add_button("pause")
         self._slider = server.gui.add_slider("time [s]", 0.0, end_s, step=end_s / 1000, initial_value=0.0)
         self._speed = server.gui.add_dropdown("speed", ("0.25", "0.5", "1", "2", "5"), initial_value="1")
-        self._page = ViewerPage(server, robot)
+        self._pages = [ViewerPage(server, robot, name=name) for name, (robot, _) in arms.items()]
         self._t_s, self._playing, self._moved = 0.0, True, True
         self._button.on_click(lambda _: self._toggle())
         self._slider.on_update(self._on_slider)
@@ -162,13 +166,14 @@ class RecordedPage:
             set_value(self._slider, self._t_s)
         if self._playing or self._moved:
             at_once, self._moved = self._moved, False
-            self._page.show(self.shown(), at_once)
+            for page, recorded in zip(self._pages, self._recorded, strict=True):
+                page.show(self.shown(recorded), at_once)
 
-    def shown(self) -> Sequence[Moment]:
-        """Return the moments of the trail, the last of which is the present one."""
-        last = min(bisect_left(self._times, self._t_s), len(self._times) - 1)
-        first = bisect_left(self._times, self._times[last] - self._trail_s)
-        return self._recorded[first : last + 1]
+    def shown(self, recorded: Sequence[Moment]) -> Sequence[Moment]:
+        """Return the moments of an arm's trail, the last of which is the present one."""
+        last = min(bisect_left(recorded, self._t_s, key=_time), len(recorded) - 1)
+        first = bisect_left(recorded, recorded[last].t_s - self._trail_s, key=_time)
+        return recorded[first : last + 1]
 
     def seek(self, t_s: float) -> None:
         """Go to a time of the run [s]."""
@@ -183,6 +188,10 @@ class RecordedPage:
     def _on_slider(self, event: viser.GuiEvent[viser.GuiSliderHandle[float]]) -> None:
         if event.client is not None:  # moved in the browser, not by `step`
             self.seek(self._slider.value)
+
+
+def _time(moment: Moment) -> float:
+    return moment.t_s
 
 
 def shape_of(robot: Robot, discretisation: Discretisation) -> Shape:

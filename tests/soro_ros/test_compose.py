@@ -289,6 +289,7 @@ def test_a_run_in_real_time_that_stood_still_ends(start):
     run.start(Ready())
     run.begin(Saying())
     run.check_nodes(Saying(), 1.0)
-    run._pulse.stood_still_s = 1.2
+    (pulse,) = run._pulses.values()
+    pulse.stood_still_s = 1.2
     with pytest.raises(SoroError, match=r"stood still for 1\.2 s"):
         run.check_nodes(Saying(), 1.0)

@@ -44,7 +44,12 @@ def test_every_scene_is_listed_and_tested():
     found = scenes_in(shipped_folder())
     assert (found.wrong, found.others) == ((), ())
     ends = {scene.name: scene.verdict.expected for scene in found.scenes}
-    others = {"track_circle": "good", "contact_with_a_wall": "poor", "valve_fails": "vented"}
+    others = {
+        "track_circle": "good",
+        "three_fingers": "good",
+        "contact_with_a_wall": "poor",
+        "valve_fails": "vented",
+    }
     assert ends == dict.fromkeys(GOOD, "good") | others
     assert all(scene.description and scene.mode == "real_time" for scene in found.scenes)
 

@@ -267,7 +267,7 @@ class ForceObserver:
         )
 
     def _speed(self, state: ForceState) -> float:
-        """Return the speed of the tip behind a low-pass, without its swing, in lengths of the arm a second."""
+        """Return the speed of the tip without its swing, in lengths of the arm a second."""
         return 0.0 if state.speed is None else float(np.linalg.norm(state.speed)) / self.arm.length
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:

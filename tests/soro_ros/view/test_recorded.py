@@ -73,26 +73,45 @@ def test_what_is_no_bag_says_so_and_not_that_a_robot_is_missing(tmp_path, soro):
 def test_play_pause_and_the_slider_set_the_time(recorded):
     server = ViewServer(Access(), 18280)
     try:
-        player = RecordedPage(server, load_robot("tue_three_bellow"), recorded, 10.0)
+        player = RecordedPage(server, {"": (load_robot("tue_three_bellow"), recorded)}, 10.0)
         player.step(0.5)
-        assert player.shown()[-1].t_s == 0.0  # no page is open
+        assert player.shown(recorded)[-1].t_s == 0.0  # no page is open
         server.get_clients = lambda: {0: None}
         player.step(0.5)
-        assert player.shown()[-1].t_s == pytest.approx(0.5, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(0.5, abs=0.05)
         player._toggle()
         player.step(0.5)
-        assert player.shown()[-1].t_s == pytest.approx(0.5, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(0.5, abs=0.05)
         player._slider.value = 1.5
         player._on_slider(SimpleNamespace(client=None))  # set by the server
-        assert player.shown()[-1].t_s == pytest.approx(0.5, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(0.5, abs=0.05)
         player._on_slider(SimpleNamespace(client=object()))
-        assert player.shown()[-1].t_s == pytest.approx(1.5, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(1.5, abs=0.05)
         player._toggle()
         player.step(99.0)
-        assert player.shown()[-1] is recorded[-1]
+        assert player.shown(recorded)[-1] is recorded[-1]
         assert player._button.label == "play"
         player._toggle()  # from the begin again
         player.step(0.1)
-        assert player.shown()[-1].t_s == pytest.approx(0.1, abs=0.05)
+        assert player.shown(recorded)[-1].t_s == pytest.approx(0.1, abs=0.05)
+    finally:
+        server.stop()
+
+
+@pytest.mark.process
+def test_several_arms_are_on_one_page_each_with_its_own_moments(recorded):
+    server = ViewServer(Access(), 18290)
+    try:
+        robot = load_robot("tue_three_bellow")
+        arms = {"left": (robot, recorded), "right": (robot.replace(base_position=(0.1, 0.0, 0.0)), recorded)}
+        player = RecordedPage(server, arms, 10.0)
+        server.get_clients = lambda: {0: None}
+        player.step(0.5)
+        left, right = player._pages
+        assert (left._meshes[0].name, right._meshes[0].name) == tuple(
+            f"/{name}/arm/{left._skin.names[0]}" for name in arms
+        )
+        assert left._meshes[0].visible
+        assert right._meshes[0].visible
     finally:
         server.stop()

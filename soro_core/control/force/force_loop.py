@@ -147,7 +147,16 @@ class ForceLoop:
         return np.asarray(slope.T @ state.push_n)
 
     def relieved(self, state: ForceLoopState, missing_pa: Array, dt: float) -> ForceLoopState:
-        """Return the state with the tip moved as in `PushedTip.relieved`."""
+        """Return the state with the tip moved as in `PushedTip.relieved`.
+
+        Parameters
+        ----------
+        state : ForceLoopState
+        missing_pa : ndarray (n_u,)
+            Pressure beyond its bound that the desired force needs of each chamber, negative below [Pa].
+        dt : float
+            Time since the last tick [s].
+        """
         return self._push.relieved(state, missing_pa, dt)
 
     def _tracked(self, state: ForceLoopState, q: Array, qd: Array, dt: float) -> ForceLoopState:

@@ -131,6 +131,16 @@ def across(vector: Array, direction: Array) -> Array:
 
 
 def fade(moved: Array, speed: float, dt: float) -> Array:
-    """Return the velocity (3,) [m/s] that takes a displacement (3,) [m] back, at most at a speed."""
+    """Return the velocity (3,) [m/s] that takes a displacement back.
+
+    Parameters
+    ----------
+    moved : ndarray (3,)
+        Displacement [m].
+    speed : float
+        Largest [m/s].
+    dt : float
+        Time in which it may be back at the earliest [s].
+    """
     length = float(np.linalg.norm(moved))
     return np.zeros(3) if length == 0.0 else -moved * min(1.0 / dt, speed / length)

@@ -16,7 +16,7 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
-from soro_core.estimation.force.average import ALONG_LOAD, Average, averaged, covariance
+from soro_core.estimation.force.average import ALONG_LOAD, Average, NoisyForce, averaged, covariance
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -225,8 +225,9 @@ class ForceObserver:
         inertia_kg = _INERTIA * (0.5 * self._mass_kg + max(load_kg, 0.0))
         density = state.interval_s * noise
         moved = (inertia_kg * acceleration) ** 2 / config.fast_per_s
-        seen_now = balance.force_n, density, moved, config.low_pass_per_s, dt
-        average, of_any = averaged(state.average, *seen_now), averaged(state.of_any, *seen_now, ALONG_LOAD)
+        noisy = NoisyForce(balance.force_n, density, moved)
+        average = averaged(state.average, noisy, config.low_pass_per_s, dt)
+        of_any = averaged(state.of_any, noisy, config.low_pass_per_s, dt, ALONG_LOAD)
         slow, found = average.force_n, covariance(average, density) + doubt
         velocity = jacobian @ measured.qd
         speed = (

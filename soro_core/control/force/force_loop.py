@@ -157,6 +157,8 @@ class ForceLoop:
         dt : float
             Time since the last tick [s].
         """
+        if state.phase != "contact" or not missing_pa.any():
+            return state
         return self._push.relieved(state, missing_pa, dt)
 
     def _tracked(self, state: ForceLoopState, q: Array, qd: Array, dt: float) -> ForceLoopState:

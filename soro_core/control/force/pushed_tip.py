@@ -114,8 +114,6 @@ class PushedTip(NamedTuple):
         dt : float
             Time since the last tick [s].
         """
-        if state.phase != "contact" or not missing_pa.any():
-            return state
         common = np.zeros(state.by_common.shape[1])
         for link, of_link in enumerate(self.stiffness.chambers):
             low, high = float(np.min(missing_pa[of_link])), float(np.max(missing_pa[of_link]))

@@ -244,7 +244,7 @@ class ForceObserver:
             load_kg,
             inertia_kg,
             acceleration,
-            self._speed(state) > _MOVES_PER_S,
+            float(np.linalg.norm(speed)) > _MOVES_PER_S * self.arm.length,
         )
         stage = next_stage(state.stage, told, dt)
         if state.stage.stage != "free" and stage.stage == "free":
@@ -265,10 +265,6 @@ class ForceObserver:
         return state._replace(
             balance=balance, average=average, of_any=of_any, stage=stage, held=held, external=external
         )
-
-    def _speed(self, state: ForceState) -> float:
-        """Return the speed of the tip without its swing, in lengths of the arm a second."""
-        return 0.0 if state.speed is None else float(np.linalg.norm(state.speed)) / self.arm.length
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:
         """Return the state with one more position behind the low-pass."""

@@ -94,14 +94,6 @@ class SensorMonitor(NamedTuple):
         count = 1.0 / self.squares
         return _quantile(round(self.components * count, 1), config.nis_false_alarm) / count
 
-    def is_above(self, config: WatchConfig) -> bool:
-        """Return whether the mean is above what is allowed, as they are printed."""
-        # Up to its mean it is below every bound, whose quantile takes time.
-        if not self.watched > self.components:
-            return False
-        # A warning of 3.9 where 3.9 is allowed would be none.
-        return round(self.watched, 1) > round(self.allowed(config), 1)
-
 
 @lru_cache(maxsize=256)
 def _quantile(freedom: float, probability: float) -> float:
@@ -141,7 +133,10 @@ def monitored(state: SensorMonitor | None, seen: Innovation, dt: float, config: 
         seen.noise,
         seen.orientation_noise,
     )
-    return after._replace(above_s=state.above_s + dt) if after.is_above(config) else after
+    # As they are printed: a warning of 3.9 where 3.9 is allowed would be none. Up to its mean it is below
+    # every bound, whose quantile takes time.
+    is_above = after.watched > after.components and round(after.watched, 1) > round(after.allowed(config), 1)
+    return after._replace(above_s=state.above_s + dt) if is_above else after
 
 
 def watched(

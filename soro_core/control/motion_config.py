@@ -53,7 +53,7 @@ class ForceControlConfig(Strict):
     follow_speed_m_s: float = Field(
         0.03, gt=0, le=1, description="fastest that the reference moves with what the tip presses on"
     )
-    rate_per_s: float = Field(1.5, gt=0, le=100, description="rate at which an error of the force ends")
+    rate_per_s: float = Field(1.0, gt=0, le=100, description="rate at which an error of the force ends")
     cap_n: float = Field(
         0.0, ge=0, le=1e3, description="largest force at the tip, whatever the reference asks; 0 for no bound"
     )

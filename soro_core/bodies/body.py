@@ -23,7 +23,7 @@ _Length = Annotated[float, Field(ge=_SMALL, le=_LARGE)]
 class BallShape(Strict):
     """A ball."""
 
-    kind: Literal["ball"] = "ball"
+    kind: Literal["ball"] = Field("ball", description="the word for it in a file")
     radius: _Length = Field(description="[m]")
 
     def extents(self) -> tuple[int, tuple[float, ...], float]:
@@ -38,7 +38,7 @@ class BallShape(Strict):
 class CapsuleShape(Strict):
     """A cylinder along z between two half balls."""
 
-    kind: Literal["capsule"] = "capsule"
+    kind: Literal["capsule"] = Field("capsule", description="the word for it in a file")
     radius: _Length = Field(description="[m]")
     length: _Length = Field(description="of the cylinder, without the half balls [m]")
 
@@ -57,7 +57,7 @@ class CapsuleShape(Strict):
 class CylinderShape(Strict):
     """A cylinder along z."""
 
-    kind: Literal["cylinder"] = "cylinder"
+    kind: Literal["cylinder"] = Field("cylinder", description="the word for it in a file")
     radius: _Length = Field(description="[m]")
     length: _Length = Field(description="[m]")
 
@@ -75,7 +75,7 @@ class CylinderShape(Strict):
 class BoxShape(Strict):
     """A box."""
 
-    kind: Literal["box"] = "box"
+    kind: Literal["box"] = Field("box", description="the word for it in a file")
     size: Vector3 = Field(description="lengths of its edges along x, y, z [m]")
 
     @field_validator("size")
@@ -99,7 +99,7 @@ class BoxShape(Strict):
 class GroundShape(Strict):
     """The half space z <= 0 of the body's frame; of a fixed body alone."""
 
-    kind: Literal["ground"] = "ground"
+    kind: Literal["ground"] = Field("ground", description="the word for it in a file")
 
     def extents(self) -> tuple[int, tuple[float, ...], float]:
         """Return kind, sizes and bounding radius for the kernels."""
@@ -137,7 +137,9 @@ class Hinge(Strict):
 class RigidBody(Strict):
     """A rigid body; its position is that of its centre, which is its centre of mass."""
 
-    shape: BallShape | CapsuleShape | CylinderShape | BoxShape | GroundShape = Field(discriminator="kind")
+    shape: BallShape | CapsuleShape | CylinderShape | BoxShape | GroundShape = Field(
+        discriminator="kind", description="its surface"
+    )
     mass: float | None = Field(None, gt=0, le=1e6, description="[kg]; needed by a body that is not fixed")
     inertia: Vector3 | None = Field(None, description="about its axes [kg m^2]; default that of a solid body")
     position: Vector3 = Field(_ZERO, description="in the world [m]")

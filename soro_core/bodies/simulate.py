@@ -85,9 +85,11 @@ class WorldResult:
     q, qd, internal : mapping of str to (n_t, ...)
         States of each arm.
     contacts : ContactRows
+        All contacts at all those times.
     status : Status
         ``ok``, or what failed, when, and what to do.
     world : BodyWorld
+        What was simulated.
     """
 
     t: Array

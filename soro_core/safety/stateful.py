@@ -155,7 +155,10 @@ class ArmLimiter:
         return shares.of_arm(self._whole.state, self._share)
 
     def offer(self, command_pa: Array, stamp_ns: int, now_ns: int, source: str = "command") -> str | None:
-        """Accept set points of this arm and return None, or the reason of a refusal."""
+        """Accept set points of this arm and return None, or the reason of a refusal.
+
+        The parameters as in `limiter.offer`.
+        """
         own, refusal = limiter.offer(self._whole.limits, self.state, command_pa, stamp_ns, now_ns, source)
         self._whole.state = shares.with_command(self._whole.state, self._share, own)
         return refusal

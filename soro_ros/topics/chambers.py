@@ -152,7 +152,20 @@ class ChamberInterface:
     def offer(
         self, limiter: Limiter | ArmLimiter, command_pa: Array, stamp_ns: int, source: str, doubt: str | None
     ) -> None:
-        """Offer a command of an arm to its limiter, or refuse one of a doubtful source."""
+        """Offer a command of an arm to its limiter, or refuse one of a doubtful source.
+
+        Parameters
+        ----------
+        limiter : Limiter or ArmLimiter
+        command_pa : ndarray (n_u,)
+            Set points [Pa gauge].
+        stamp_ns : int
+            Stamp of the command [ns].
+        source : str
+            Who has sent it.
+        doubt : str or None
+            Why the source is doubtful.
+        """
         if doubt is not None and not self._follow_shared_name:
             limiter.doubt(doubt, source)
             self.refused(doubt)

@@ -27,7 +27,7 @@ _LOAD, _LATE_LOAD = 1.0, 4.0
 
 
 def capped(
-    push: PushedTip, state: ForceLoopState, point: Point, tip: Array, speed: Array, k_p: Array, dt: float
+    push: PushedTip, state: ForceLoopState, point: Point, tip: Array, speed: Array, dt: float
 ) -> ForceLoopState:
     """Return the state under the cap.
 
@@ -39,8 +39,6 @@ def capped(
         The reference in force, not moved.
     tip, speed : ndarray (3,)
         Position and velocity of its tip [m, m/s].
-    k_p : ndarray (n_q, n_q)
-        Feedback of the law.
     dt : float
         Time since the last tick [s].
     """
@@ -69,9 +67,9 @@ def capped(
             state = replaced(state, toward=toward)
             # A cap is a bound of the true force: the estimate stays a deviation below it.
             most = cap - min(doubt, _MOST_BELOW * cap)
-            goal = min(into / push.stiffness.compliance(point.q, toward, k_p), most)
+            goal = min(into / push.stiffness.compliance(point.q, toward, push.k_p), most)
             back = fade(across(state.moved, toward), follow, dt)
-            return push.pushed(state, goal, force, tip, back, float(toward @ speed), dt)
+            return push.pushed(state, (goal, force), (tip, speed), back, dt)
     return replaced(state, phase="", rate=back, moved=state.moved + dt * back).released(dt)
 
 

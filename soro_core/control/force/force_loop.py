@@ -60,16 +60,16 @@ class ForceLoop:
     def __init__(
         self, arm: SoftArm, fields: StrainFields, k_p: Array, limit: Array, config: ForceControlConfig
     ) -> None:
-        self.arm, self.fields, self.k_p, self.limit, self.config = arm, fields, k_p, limit, config
+        self.arm, self.fields, self.limit, self.config = arm, fields, limit, config
         self.stiffness = StiffnessAtTip(arm)
-        self._push = PushedTip(self.stiffness, config)
+        self._push = PushedTip(self.stiffness, config, k_p)
         # A short step of strains, as inverse kinematics weighs them.
         self._inverse_weight = limit[:, None] * np.linalg.inv(fields.weight) * limit
 
     def retuned(self, k_p: Array, config: ForceControlConfig) -> ForceLoop:
         """Return the loop of the same arm with other keys."""
         other = copy.copy(self)
-        other.k_p, other.config, other._push = k_p, config, PushedTip(self.stiffness, config)
+        other.config, other._push = config, PushedTip(self.stiffness, config, k_p)
         return other
 
     def initial_state(self) -> ForceLoopState:
@@ -112,7 +112,7 @@ class ForceLoop:
         state = self._tracked(state, *seen, dt)
         tip, speed, _ = self._tip(point.q, point.qd)
         if press is None:
-            state = capped(self._push, state, point, tip, speed, self.k_p, dt)
+            state = capped(self._push, state, point, tip, speed, dt)
         else:
             state = pressed(self._push, state, press, tip, dt)
         return self._shifted(state, point.q, tip)
@@ -147,7 +147,16 @@ class ForceLoop:
         return np.asarray(slope.T @ state.push_n)
 
     def relieved(self, state: ForceLoopState, missing_pa: Array, dt: float) -> ForceLoopState:
-        """Return the state with the tip moved as in `PushedTip.relieved`."""
+        """Return the state with the tip moved as in `PushedTip.relieved`.
+
+        Parameters
+        ----------
+        state : ForceLoopState
+        missing_pa : ndarray (n_u,)
+            Pressure beyond its bound that the desired force needs of each chamber, negative below [Pa].
+        dt : float
+            Time since the last tick [s].
+        """
         return self._push.relieved(state, missing_pa, dt)
 
     def _tracked(self, state: ForceLoopState, q: Array, qd: Array, dt: float) -> ForceLoopState:

@@ -76,7 +76,7 @@ def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt
         if state.phase != "contact":
             state = push.touched(state, press.q, direction, force)
         state = replaced(state, pressed_n=force, toward=direction)
-        return push.pushed(state, goal, force, tip, np.zeros(3), 0.0, dt)
+        return push.pushed(state, (goal, force), (tip, np.zeros(3)), np.zeros(3), dt)
     approach_s = state.approach_s + dt if state.phase == "approach" else 0.0
     state = replaced(state, phase="approach", approach_s=approach_s, pressed_n=force)
     state = state.released(dt)

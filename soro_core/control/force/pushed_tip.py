@@ -27,10 +27,13 @@ class PushedTip(NamedTuple):
     ----------
     stiffness : StiffnessAtTip
     config : ForceControlConfig
+    k_p : ndarray (n_q, n_q)
+        Feedback of the law.
     """
 
     stiffness: StiffnessAtTip
     config: ForceControlConfig
+    k_p: Array
 
     def touched(self, state: ForceLoopState, q: Array, toward: Array, force: float) -> ForceLoopState:
         """Return the state at the begin of a contact, with the force of now.
@@ -58,26 +61,30 @@ class PushedTip(NamedTuple):
         )
 
     def pushed(
-        self, state: ForceLoopState, goal: float, force: float, tip: Array, back: Array, own: float, dt: float
+        self,
+        state: ForceLoopState,
+        told: tuple[float, float],
+        at: tuple[Array, Array],
+        back: Array,
+        dt: float,
     ) -> ForceLoopState:
         """Return the state with the reference along `toward` at the tip; the push goes to `goal`.
 
         Parameters
         ----------
         state : ForceLoopState
-        goal, force : float
+        told : pair of float
             Wanted and estimated force along `toward` [N].
-        tip : ndarray (3,)
-            Tip of the reference, not moved [m].
+        at : pair of ndarray (3,)
+            Position and velocity of the tip of the reference, not moved [m, m/s].
         back : ndarray (3,)
             Velocity of the moved reference across `toward` [m/s].
-        own : float
-            Speed of the reference along `toward` [m/s].
         dt : float
             Time since the last tick [s].
         """
         assert state.tip is not None
-        toward = state.toward
+        toward, (goal, force), (tip, speed) = state.toward, told, at
+        own = float(toward @ speed)
         wanted = goal + (state.wanted_n - goal) * float(np.exp(-dt / PUSH_S))
         answer = wanted + (state.answer_n - wanted) * float(np.exp(-dt / _ANSWER_S))
         added = state.added_n + dt * self.config.rate_per_s * (answer - force)
@@ -124,6 +131,16 @@ def across(vector: Array, direction: Array) -> Array:
 
 
 def fade(moved: Array, speed: float, dt: float) -> Array:
-    """Return the velocity (3,) [m/s] that takes a displacement (3,) [m] back, at most at a speed."""
+    """Return the velocity (3,) [m/s] that takes a displacement back.
+
+    Parameters
+    ----------
+    moved : ndarray (3,)
+        Displacement [m].
+    speed : float
+        Largest [m/s].
+    dt : float
+        Time in which it may be back at the earliest [s].
+    """
     length = float(np.linalg.norm(moved))
     return np.zeros(3) if length == 0.0 else -moved * min(1.0 / dt, speed / length)

@@ -24,6 +24,24 @@ _INERTIA_ALONG = 3.0
 ALONG, ALONG_LOAD = 0.5, 5.0
 
 
+class NoisyForce(NamedTuple):
+    """A measured force.
+
+    Attributes
+    ----------
+    force_n : ndarray (3,)
+        [N].
+    density : ndarray (3, 3)
+        Covariance of its noise, times the time for which that lasts [N^2 s].
+    inertia : float
+        The same of the error of the force of inertia in each direction across the weak one [N^2 s].
+    """
+
+    force_n: Array
+    density: Array
+    inertia: float
+
+
 class Average(NamedTuple):
     """A force (3,) [N], and its variances by noise along and across the weak direction [N^2]."""
 
@@ -33,13 +51,7 @@ class Average(NamedTuple):
 
 
 def averaged(
-    before: Average | None,
-    force_n: Array,
-    density: Array,
-    inertia: float,
-    rate: float,
-    dt: float,
-    along_part: float = ALONG,
+    before: Average | None, seen: NoisyForce, rate: float, dt: float, along_part: float = ALONG
 ) -> Average:
     """Return the average with one more measured force.
 
@@ -47,12 +59,7 @@ def averaged(
     ----------
     before : Average or None
         None before the first force.
-    force_n : ndarray (3,)
-        Measured force [N].
-    density : ndarray (3, 3)
-        Covariance of its noise, times the time for which that lasts [N^2 s].
-    inertia : float
-        The same of the error of the force of inertia in each direction across the weak one [N^2 s].
+    seen : NoisyForce
     rate : float
         Rate of the low-pass across the weak direction [rad/s].
     dt : float
@@ -60,12 +67,12 @@ def averaged(
     along_part : float
         Part of a new force along the weak direction that is expected, of that across it.
     """
-    variances, directions = np.linalg.eigh(density)
-    noise = (variances[1:] + inertia * np.array([1.0, _INERTIA_ALONG**2])) / max(dt, 1e-3)
+    variances, directions = np.linalg.eigh(seen.density)
+    noise = (variances[1:] + seen.inertia * np.array([1.0, _INERTIA_ALONG**2])) / max(dt, 1e-3)
     weak = directions[:, -1]
     if before is None or dt <= 0.0:
-        return Average(force_n, *noise[::-1])
-    off = force_n - before.force_n
+        return Average(seen.force_n, *noise[::-1])
+    off = seen.force_n - before.force_n
     along = float(weak @ off) * weak
     across = off - along
     size = float(across @ across)

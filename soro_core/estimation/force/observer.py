@@ -16,7 +16,7 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
-from soro_core.estimation.force.average import ALONG_LOAD, Average, averaged, covariance
+from soro_core.estimation.force.average import ALONG_LOAD, Average, NoisyForce, averaged, covariance
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -33,9 +33,9 @@ _GAIN_STD = 0.03
 _PLACE_S = 0.25
 # Deviation of the force of inertia at the tip, as a part of it.
 _INERTIA = 0.5
-# Speed of the tip, in lengths of the arm a second, up to which it rests, and from which on it moves; behind a
-# low-pass of a rate [rad/s].
-_RESTS_PER_S, _MOVES_PER_S, _STEADY_PER_S = 0.05, 0.15, 2.0
+# Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
+# [rad/s].
+_MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
 # A force is seen up to two of these times after it has begun to teach [s].
 _PAST_S = 0.2
 # Part of a new position in the mean of their scatter.
@@ -68,11 +68,10 @@ class Seen(NamedTuple):
 
 
 class Before(NamedTuple):
-    """What was known a while ago [s]: the load [kg], the force that the model missed [N], and coordinates."""
+    """What was known a while ago [s]: the load [kg], and coordinates."""
 
     age_s: float
     mass_kg: float
-    force_n: Array
     q: Array
 
 
@@ -208,12 +207,12 @@ class ForceObserver:
         theta, learned = self._nothing, known.learned
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
-        state = state._replace(past=_past(state, float(theta[0]), self._speed(state) > _RESTS_PER_S, dt))
-        base, bent = np.zeros(3), np.zeros(self.arm.n_q)
+        state = state._replace(past=_past(state, float(theta[0]), dt))
+        bent = np.zeros(self.arm.n_q)
         if state.stage.stage != "free" and state.past:
-            # What is learned as a load since then may be the push; what was missing before it is none.
+            # What is learned as a load since then may be the push.
             theta = np.concatenate([[state.past[0].mass_kg], theta[1:]])
-            base, bent = state.past[0].force_n, q - state.past[0].q
+            bent = q - state.past[0].q
         losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), measured.qd)
         measured = measured._replace(force=measured.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
@@ -226,9 +225,10 @@ class ForceObserver:
         inertia_kg = _INERTIA * (0.5 * self._mass_kg + max(load_kg, 0.0))
         density = state.interval_s * noise
         moved = (inertia_kg * acceleration) ** 2 / config.fast_per_s
-        seen_now = balance.force_n, density, moved, config.low_pass_per_s, dt
-        average, of_any = averaged(state.average, *seen_now), averaged(state.of_any, *seen_now, ALONG_LOAD)
-        slow, found = average.force_n - base, covariance(average, density) + doubt
+        noisy = NoisyForce(balance.force_n, density, moved)
+        average = averaged(state.average, noisy, config.low_pass_per_s, dt)
+        of_any = averaged(state.of_any, noisy, config.low_pass_per_s, dt, ALONG_LOAD)
+        slow, found = average.force_n, covariance(average, density) + doubt
         velocity = jacobian @ measured.qd
         speed = (
             velocity
@@ -237,9 +237,9 @@ class ForceObserver:
         )
         state = state._replace(speed=speed)
         told = ForceSeen(
-            (balance.force_n - base, self._part(state, config.fast_per_s) * noise + doubt),
+            (balance.force_n, self._part(state, config.fast_per_s) * noise + doubt),
             (slow, found),
-            (of_any.force_n - base, covariance(of_any, density) + doubt),
+            (of_any.force_n, covariance(of_any, density) + doubt),
             self.balancer.fine.tables.gravity,
             load_kg,
             inertia_kg,
@@ -250,7 +250,7 @@ class ForceObserver:
         if state.stage.stage != "free" and stage.stage == "free":
             # What is known since the touch is of the push; or it is a load, which is known now.
             state = state._replace(past=() if stage.mass_free else state.past[:1])
-            average, of_any = (one._replace(force_n=base) for one in (average, of_any))
+            average, of_any = (one._replace(force_n=np.zeros(3)) for one in (average, of_any))
         held = None
         # Before a law has said how well it knows the arm, in the probe say, what the model misses is no push.
         if stage.stage != "free" and learned is not None and learned.doubt is not None:
@@ -334,16 +334,14 @@ def _part_of(rate: float, dt: float) -> float:
     return -math.expm1(-rate * dt)
 
 
-def _past(state: ForceState, mass_kg: float, moves: bool, dt: float) -> tuple[Before, ...]:
+def _past(state: ForceState, mass_kg: float, dt: float) -> tuple[Before, ...]:
     """Return what was known, with what is known now while nothing pushes."""
     if state.stage.stage != "free":
         return state.past
     kept = tuple(one._replace(age_s=one.age_s + dt) for one in state.past)
-    if state.average is None or state.q is None or (kept and kept[-1].age_s < _PAST_S):
+    if state.q is None or (kept and kept[-1].age_s < _PAST_S):
         return kept
-    # What is missing of an arm that moves is another one elsewhere.
-    force_n = np.zeros(3) if moves else state.average.force_n
-    return (*kept[-1:], Before(0.0, mass_kg, force_n, state.q))
+    return (*kept[-1:], Before(0.0, mass_kg, state.q))
 
 
 def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:

@@ -61,12 +61,12 @@ def _substitute(A: Array, x: Array) -> None:
 
 
 @inner
-def _missing(t: Tables, w: Work, none: Array, q: Array, p: Array, gradients: Array, force: Array) -> None:
+def _missing(t: Tables, w: Work, rest: Motion, p: Array, gradients: Array, force: Array) -> None:
     """force <- G + dU_e/dq - H p."""
-    motion_forces(t, w, t.tip_mass[0], Motion(q, none, none, none), force, gradients)
+    motion_forces(t, w, t.tip_mass[0], rest, force, gradients)
     for u in range(p.shape[0]):
         pressure = acting(t, u, p[u])
-        for c in range(q.shape[0]):
+        for c in range(force.shape[0]):
             force[c] -= gradients[u, c] * pressure
 
 
@@ -133,7 +133,7 @@ def walk(
             # The first step, with the stiffness of the rest before, is the change by the pressures.
             if i % WITH_ONE == 1 and not _stiffness(t, d, none, q, p, factor):
                 return k - 1
-            _missing(t, w, none, q, p, gradients, force)
+            _missing(t, w, Motion(q, none, none, none), p, gradients, force)
             _substitute(factor, force)
             moved = 0.0
             for c in range(n_q):

@@ -12,7 +12,7 @@ from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.reference.trajectory import Hold
 from soro_core.estimation import Estimator, EstimatorConfig
-from soro_core.estimation.force.average import averaged, covariance
+from soro_core.estimation.force.average import NoisyForce, averaged, covariance
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.observer import ForceObserver, Noise
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -186,7 +186,7 @@ def test_noise_along_the_chord_does_not_reach_what_is_across_it():
     rng, root, found, average = np.random.default_rng(1), np.linalg.cholesky(density / DT), [], None
     for k in range(400):
         true = np.array([0.1 if k >= 200 else 0.0, 0.0, 0.0])
-        average = averaged(average, true + root @ rng.standard_normal(3), density, 0.0, 8.0, DT)
+        average = averaged(average, NoisyForce(true + root @ rng.standard_normal(3), density, 0.0), 8.0, DT)
         found.append(average.force_n - true)
     tip = np.array([0.95, 0.0, 0.3])  # across the tip, not across the chord
     assert np.abs(np.array(found[100:200]) @ tip).max() < 2e-3

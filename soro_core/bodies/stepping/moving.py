@@ -247,7 +247,8 @@ def _turn_freely(w: WorldTables, b: int, h: float) -> bool:
         m[0], m[1], m[2] = m0, m1, m2
         if moved <= 1e-15 * (abs(m0) + abs(m1) + abs(m2)):
             break
-    if not moved <= _TURNED * (abs(m[0]) + abs(m[1]) + abs(m[2])):
+    total = abs(m[0]) + abs(m[1]) + abs(m[2])
+    if not moved <= _TURNED * total < math.inf:  # infinite ones compare as equal
         return False
     x, y, z = 0.5 * h * m[0], 0.5 * h * m[1], 0.5 * h * m[2]
     scale = 1.0 / (1.0 + x * x + y * y + z * z)

@@ -22,7 +22,7 @@ from soro_core.bodies.stepping.records import (
     WHERE,
     BodyRows,
 )
-from soro_core.bodies.stepping.step import AWAY, CROWDED, DEEP, FULL, OVERLAP, world_run
+from soro_core.bodies.stepping.step import AWAY, CROWDED, DEEP, FULL, OVERLAP, TURNING, world_run
 from soro_core.bodies.world import BodyWorld, WorldBoxes, build_world, first_rows
 from soro_core.errors import ModelError, short
 from soro_core.integrate.base_motion import Base, base_rows
@@ -235,6 +235,8 @@ def _refuse_unknown(world: BodyWorld, given: Mapping[str, Mapping[str, object]])
             if name not in allowed[key]:
                 names = ", ".join(allowed[key]) or "none"
                 raise ModelError(f"{key}: got {short(name)}; allowed: {names}", key)
+    for name, motion in given["motions"].items():
+        require(motion, Callable, f"motions: {name}", "a function that gives a BaseState")
 
 
 def _body_inputs(
@@ -258,6 +260,11 @@ def _body_inputs(
             states = [driven[name](float(t)) for t in times]
             for state in states:
                 require(state, BaseState, f"motions: {name}", "a function that gives a BaseState")
+                Q = shaped(state.rotation, (3, 3), f"motions: {name}", name)
+                if not np.abs(Q.T @ Q - np.eye(3)).max() < 1e-9 or not np.linalg.det(Q) > 0.0:
+                    raise ModelError(
+                        f"motions: {name}: got {short(Q.tolist())}; allowed: a rotation", "motions"
+                    )
             place = [
                 rows.place[0, b] + shaped(one.displacement, (3,), f"motions: {name}", name) for one in states
             ]
@@ -311,7 +318,11 @@ def _describe(
         name = world.side_name(blame[0], built.piece_of)
         return Status(f"{when} {name} has left the world, beyond its reach of {world.reach:g} m; hold it")
     if code == CROWDED:
-        return Status(f"{when} more than {MOST_CONTACTS} contacts at a time; use fewer points_per_link")
+        return Status(
+            f"{when} more than {MOST_CONTACTS} contacts at a time; use fewer bodies or points_per_link"
+        )
+    if code == TURNING:
+        return Status(f"{when} {world.side_name(blame[0], built.piece_of)} turns too fast; use a smaller dt")
     if code == SLIDING:
         return Status(f"{when} the impulses at the contacts did not converge; use a smaller dt or stiffness")
     if built.arms and q.size:

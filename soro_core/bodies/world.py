@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -83,6 +84,10 @@ class BodyWorld:
     reach: float = 10.0
 
     def __post_init__(self) -> None:
+        for key in ("bodies", "arms", "q0"):
+            require(getattr(self, key), Mapping, key, "a mapping by name")
+        if both := sorted(str(name) for name in self.bodies if name in self.arms):
+            raise ModelError(f"arms: {both[0]} is a body too; allowed are names of one thing", "arms")
         for name, body in self.bodies.items():
             require(body, RigidBody, f"bodies: {name}", "a RigidBody")
         for name, arm in self.arms.items():
@@ -99,6 +104,10 @@ class BodyWorld:
                 raise ModelError(
                     f"{key} = {short(getattr(self, key))}: allowed are numbers from {low:g} to {high:g}", key
                 )
+        if self.points_per_link != int(self.points_per_link):
+            raise ModelError(
+                f"points_per_link = {self.points_per_link}: allowed are whole numbers", "points_per_link"
+            )
         if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
             raise ModelError(f"gravity = {short(self.gravity)}: allowed are three numbers", "gravity")
 
@@ -141,7 +150,7 @@ def body_tables(world: BodyWorld) -> BodyTables:
     hinge = np.zeros((len(bodies), HINGE_WIDTH))
     for row, body in zip(hinge, bodies, strict=True):
         if body.hinge is not None and body.mass is not None:
-            axis = np.array(body.hinge.axis) / np.linalg.norm(body.hinge.axis)
+            axis = np.array(body.hinge.axis) / math.hypot(*body.hinge.axis)
             arm = np.array(body.position) - body.hinge.point
             low, high = body.hinge.limits_rad or (-np.inf, np.inf)
             own = axis @ (body.rotation * body.moments()) @ body.rotation.T @ axis

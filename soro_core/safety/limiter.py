@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -53,10 +54,13 @@ def offer(
     taken = np.array(command_pa, dtype=np.float64)
     # A clock that runs ahead must not lengthen the watchdog: a command is never younger than now.
     made_ns = min(stamp_ns, now_ns)
-    accepted = state._replace(
-        command_pa=taken, command_ns=made_ns, command_stamp_ns=stamp_ns, command_source=source
-    )
-    return accepted, None
+    made: dict[str, Any] = {
+        "command_ns": made_ns,
+        "command_stamp_ns": stamp_ns,
+        "command_source": source,
+    }
+    each = tuple(one._replace(**made) for one in state.shares)  # of all chambers, it is one of each arm
+    return state._replace(command_pa=taken, shares=each, **made), None
 
 
 def doubt(state: SafetyState, reason: str, source: str) -> SafetyState:

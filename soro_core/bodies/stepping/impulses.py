@@ -57,7 +57,8 @@ def meet(w: WorldTables, h: float) -> None:
     k = w.contacts
     for c in range(k.counts[0]):
         approach = -k.bias[c]
-        k.bias[c] = -k.gap[c] / h
+        # What has just closed is stopped, not pushed out within a step, however short that is.
+        k.bias[c] = -max(k.gap[c], 0.0) / h
         k.hard[c] = approach > SLOWEST_IMPACT and -CLOSED < k.gap[c] < h * approach
         if k.hard[c] and k.restitution[c] > 0.0 and approach > SLOWEST_BOUNCE:
             # With what gravity takes within the step, so that a bounce gains no energy.

@@ -27,6 +27,8 @@ from soro_core.bodies.stepping.records import (
 )
 
 _ITERATIONS = 20
+# Largest change of the last one, relative.
+_TURNED = 1e-12
 
 
 @inner
@@ -159,8 +161,11 @@ def body_answers(w: WorldTables, h: float) -> None:
 
 
 @inner
-def move_bodies(w: WorldTables, h: float) -> None:
-    """w.then <- poses and twists at the end of the step, from the velocities in w.movers.end."""
+def move_bodies(w: WorldTables, h: float) -> int:
+    """w.then <- poses and twists at the end of the step, from the velocities in w.movers.end.
+
+    It gives the body that turns too far within the step, or -1.
+    """
     t, now, then = w.bodies, w.now, w.then
     first = w.movers.start.shape[0] - t.kind.shape[0]
     for b in range(t.kind.shape[0]):
@@ -171,7 +176,8 @@ def move_bodies(w: WorldTables, h: float) -> None:
             for r in range(3):
                 before = now.twist[b, 3 + r]
                 then.place[b, r] = now.place[b, r] + h * (before + theta * (v[3 + r] - before))
-            _turn_freely(w, b, h)
+            if not _turn_freely(w, b, h):
+                return b
         elif t.motion[b] == HINGED:
             hinge = t.hinge[b]
             axis = hinge[AXIS : AXIS + 3]
@@ -194,6 +200,7 @@ def move_bodies(w: WorldTables, h: float) -> None:
                 then.place[b, r] = now.place[b, r] + h * v[3 + r]
                 axis[r] = v[r] / spin if spin > 0.0 else 0.0
             _turn_columns(w, axis, h * spin, now.rotation[b], then.rotation[b])
+    return -1
 
 
 @inner
@@ -220,13 +227,17 @@ def _turn_columns(w: WorldTables, axis: Array, angle: float, R: Array, turned: A
 
 
 @inner
-def _turn_freely(w: WorldTables, b: int, h: float) -> None:
-    """Rotation and spin at the end: I (w1 - w0) + h wm x I wm = 0 in the body, R1 = R0 cay(h wm)."""
+def _turn_freely(w: WorldTables, b: int, h: float) -> bool:
+    """Rotation and spin at the end: I (w1 - w0) + h wm x I wm = 0 in the body, R1 = R0 cay(h wm).
+
+    False if the middle is not found.
+    """
     inertia, R, R1, spin = w.bodies.inertia[b], w.now.rotation[b], w.then.rotation[b], w.then.twist[b]
     a, m = w.points[0], w.points[1]
     for s in range(3):
         a[s] = R[0, s] * spin[0] + R[1, s] * spin[1] + R[2, s] * spin[2]
         m[s] = a[s]
+    moved = 0.0
     for _ in range(_ITERATIONS):
         # The middle by fixed point iteration: contracts by h |w|.
         m0 = a[0] - 0.5 * h * (inertia[2] - inertia[1]) / inertia[0] * m[1] * m[2]
@@ -236,6 +247,9 @@ def _turn_freely(w: WorldTables, b: int, h: float) -> None:
         m[0], m[1], m[2] = m0, m1, m2
         if moved <= 1e-15 * (abs(m0) + abs(m1) + abs(m2)):
             break
+    total = abs(m[0]) + abs(m[1]) + abs(m[2])
+    if not moved <= _TURNED * total < math.inf:  # infinite ones compare as equal
+        return False
     x, y, z = 0.5 * h * m[0], 0.5 * h * m[1], 0.5 * h * m[2]
     scale = 1.0 / (1.0 + x * x + y * y + z * z)
     for r in range(3):
@@ -254,3 +268,4 @@ def _turn_freely(w: WorldTables, b: int, h: float) -> None:
         a[s] = 2.0 * m[s] - a[s]
     for r in range(3):
         spin[r] = R1[r, 0] * a[0] + R1[r, 1] * a[1] + R1[r, 2] * a[2]
+    return True

@@ -22,7 +22,7 @@ POINT, AXIS, ARM, SPRING, DAMPER, LOW, HIGH, ABOUT_AXIS, HINGE_WIDTH = 0, 3, 6, 
 # Entries of `BodyRows.joint`.
 ANGLE, RATE = 0, 1
 # Largest number of contacts at a time.
-MOST_CONTACTS = 128
+MOST_CONTACTS = 512
 # Entries of a stored contact: sides (body, or -1 - section), point, normal, force on the first side, gap.
 SIDE_A, SIDE_B, WHERE, NORMAL, FORCE, GAP, CONTACT_WIDTH = 0, 1, 2, 5, 8, 11, 12
 

@@ -39,7 +39,7 @@ from soro_core.model.dynamics import BAD_INPUT, GOOD, finite
 from soro_core.model.links.linear import assign, assign_matrix
 
 # Codes of a world, beside those of the steppers.
-CROWDED, DEEP, AWAY, FULL, OVERLAP = 30, 31, 32, 33, 34
+CROWDED, DEEP, AWAY, FULL, OVERLAP, TURNING = 30, 31, 32, 33, 34, 36
 
 
 @inner
@@ -180,7 +180,10 @@ def world_run(
             if code == GOOD:
                 code = move_arms(arms, like, w, h, (q0, v0, z0), end)
             if code == GOOD:
-                move_bodies(w, h)
+                turning = move_bodies(w, h)
+                if turning >= 0:
+                    blame[0], code = turning, TURNING
+            if code == GOOD:
                 store_impulses(w.contacts)
                 last_h = h
                 done += part

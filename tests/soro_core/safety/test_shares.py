@@ -96,3 +96,17 @@ def test_the_latch_opens_once_every_arm_asks_for_zero():
     assert hand.limiter.reset(lambda: hand.now_ns) is None
     hand.run(0.3, thumb=(2e3, 0.0))
     assert hand.limiter.state.setpoint_pa.tolist() == [2e3, 0.0, 0.0, 0.0]
+
+
+def test_a_command_of_the_whole_is_one_of_every_arm():
+    hand = Hand()
+    hand.limiter.offer(np.array([0.0, 0.0, 2e3, 0.0]), 0, 0, "whole")
+    hand.now_ns = MS
+    hand.limiter.offer(np.array([0.0, 0.0, 2e3, 0.0]), MS, MS, "whole")
+    for _ in range(60):
+        hand.now_ns += 5 * MS
+        hand.arms["thumb"].offer(np.array([1e3, 0.0]), hand.now_ns, hand.now_ns, "whole")
+        hand.limiter.slew(hand.now_ns)
+        hand.limiter.judge(AIR, True, hand.now_ns)
+    assert hand.limiter.cause.startswith("command lost: last one of index ")
+    assert hand.limiter.state.setpoint_pa.tolist() == [0.0] * 4

@@ -45,7 +45,8 @@ Each [scene](README.md) is a file to run, read and change; the comment at its to
 
 The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
 its path), the path of its true tip from above, the pressures or the force at the tip, and the distance of the
-tip from its reference.
+tip from its reference. Below are the verdict, and the tip error of the last 5 s (RMS), also in % of the
+length of the arm.
 """
 
 
@@ -126,13 +127,13 @@ def draw(scene: Scene, run_folder: Path) -> None:
 def section(scene: Scene, figures: dict[str, Any]) -> str:
     """Return the part of the page on one scene."""
     what = f"{scene.description[0].upper()}{scene.description[1:]}."
-    result = f"Ends as `{figures['verdict']}`"
+    result = f"`{figures['verdict']}`"
     arms = figures.get("arms", {"": figures})
     errors = [one.get("tip_error_last_rms_m") for one in arms.values()]
     if figures["verdict"] == "good" and None not in errors:
         error = max(errors)
         part = error / scene.each[errors.index(error)].loaded_robot.length
-        result += f"; tip error in the last 5 s {1e3 * error:.2f} mm RMS, {part:.1%} of the length"
+        result += f": {1e3 * error:.2f} mm, {part:.1%}"
     elif figures["reason"]:
         result += f": {figures['reason']}"
     picture = f"![{scene.name}](images/gallery/{scene.name}.png)"

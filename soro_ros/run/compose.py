@@ -11,6 +11,7 @@ from typing import Any
 from rclpy.node import Node
 
 from soro_core.config import Strict, with_changes
+from soro_core.control.laws.registry import SHIPPED
 from soro_core.errors import SoroError
 from soro_core.jobs.versions import versions
 from soro_core.safety.vent_check import REST_S
@@ -167,7 +168,10 @@ class Run:
                 mode=scene.mode, folder=str(self.bag), topics=topics, exclude=exclude, notes=notes
             )
             self._start_nodes(supervisor, {"recorder": recorder})
-        is_warmed = forks is not None and self._loop.commander == "controller"
+        # A law from outside is not run in the server: its threads, or a device, would not live on in a fork.
+        is_warmed = self._loop.commander == "controller" and all(
+            arm.controller.law in SHIPPED for arm in scene.each
+        )
         if forks is not None and is_warmed:
             forks.warm(self.folder / "scene_used.yaml")
         nodes: dict[str, Strict] = {}

@@ -31,6 +31,26 @@ def test_the_law_of_the_page_runs(scene, tmp_path):
     assert found["tip_error_last_rms_m"] < 1.2e-3
 
 
+# A worker, as of a library for learned laws.
+WORKER = """
+import queue
+import threading
+
+asked, answers = queue.Queue(), queue.Queue()
+threading.Thread(target=lambda: [answers.put(x) for x in iter(asked.get, None)], daemon=True).start()
+
+class Spring"""
+
+
+def test_a_law_with_threads_runs(scene, tmp_path):
+    law = scene.with_name("my_law.py")
+    text = law.read_text().replace("\nclass Spring(", f"{WORKER}(")
+    asks = "        asked.put(dt)\n        answers.get(timeout=10)\n        q_d = "
+    law.write_text(text.replace("        q_d = ", asks))
+    status, said, _ = run(tmp_path / "runs", "duration_s=1", scene=str(scene))
+    assert status == 0, said
+
+
 def test_a_law_that_fails_on_the_way_is_named_with_file_and_line(scene, tmp_path):
     law = scene.with_name("my_law.py")
     text = law.read_text().replace("        q_d = ", "        1 / (state < 0.5)\n        q_d = ")

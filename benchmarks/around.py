@@ -33,6 +33,8 @@ SHAPES, LONG = 40_000, 1_200_000
 FOLLOWED = 10
 # Sets of balls that are drawn for a way.
 _DRAWS = 20
+# Part of the range of the pressures that the ends of these ways leave at both ends.
+_INNER = 0.05
 # Time before and after a motion in the twin [s]; most ticks, and ticks between two looks at the arm.
 _SETTLED_S, _TICKS, _EACH = 1.0, 20_000, 5
 
@@ -110,13 +112,16 @@ def planned(arm: SoftArm, one: World, shapes: int) -> tuple[WayAround | None, fl
 def followed(robot: Robot, seed: int) -> tuple[float, float] | None:
     """Return the least clearance [m] of the arm in the twin, and the end of its tip from the goal [m].
 
-    The way begins where the arm hangs without pressure; None where there is none.
+    The way begins where the arm hangs without pressure, and ends where no chamber is at an end of its range:
+    the controller keeps away from there. None where it finds no way.
     """
     random = np.random.default_rng(seed)
     arm = SoftArm(robot)
     rest = equilibrium(arm, np.zeros(arm.n_u))
+    low, high = robot.input_range
+    inner = low + _INNER * (high - low), high - _INNER * (high - low)
     while True:
-        _, pressure = ends(arm, random)
+        pressure = np.clip(ends(arm, random)[1], *inner)
         shapes = np.array([equilibrium(arm, x * pressure, rest) for x in np.linspace(0.0, 1.0, 9)])
         found = balls(arm, shapes, random)
         if clearance(arm, shapes, found) < 0.0:

@@ -250,7 +250,8 @@ class _Goals:
     def _use_nearest(self) -> Way | None:
         """Use the goal that is clear of most, or refuse the point."""
         if self._nearest is None:
-            allowed = "a point that the tip can reach"
+            low_pa, high_pa = self._search.shapes.range_pa
+            allowed = f"a point that the tip can reach with {1e-3 * low_pa:g} to {1e-3 * high_pa:g} kPa"
             raise MotionError("reach", "goal", f"{listed(self._point)} mm", allowed)
         where = f"with the tip at {listed(self._point)} mm"
         _refuse_contact(self._search.shapes, self._nearest, self._margin_m, where)

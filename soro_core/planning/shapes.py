@@ -94,6 +94,11 @@ class HeldShapes:
         self.looked_at = 0
         self.motion_m = np.ones(arm.n_u)
 
+    @property
+    def range_pa(self) -> tuple[float, float]:
+        """Least and highest pressure of all chambers [Pa gauge]."""
+        return float(self.low_pa.min()), float((self.low_pa + self.span_pa).max())
+
     def measure(self) -> Planning[None]:
         """Find how far the arm moves over the range of each chamber."""
         found = np.empty(self.arm.n_u)

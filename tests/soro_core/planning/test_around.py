@@ -214,6 +214,16 @@ def test_a_motion_around_keeps_speed_pressures_and_clearance():
     assert np.max(held) < HIGH[0]
 
 
+def test_a_point_that_only_pressures_at_the_end_of_their_range_hold_is_refused_with_the_range_that_is_left():
+    start, end = np.zeros(6), np.array([0.0, 80e3, 0.0, 0.0, 75e3, 0.0])
+    beside = balls((tip(START), 0.004))
+    np.testing.assert_allclose(plan_around(ARM, start, tip(end), beside).tip_m[-1], tip(end), atol=1.1e-4)
+    control = controller(beside)
+    planner = control.planner(control.initial_state(), 0.005)
+    with pytest.raises(MotionError, match=r"can reach with 1\.8 to 88\.2 kPa"):
+        finished(route_around(planner, equilibrium(ARM, start), tip(end)))
+
+
 def test_without_obstacles_the_way_around_is_the_one_of_coordinates():
     config = parse({"law": "composite", "reference": {"kind": "hold"}}, ControllerConfig, "test")
     planner = Controller(TWO, config).planner(Controller(TWO, config).initial_state(), 0.005)

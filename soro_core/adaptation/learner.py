@@ -25,7 +25,7 @@ from soro_core.adaptation.kernel.information import LearningRule, RuleFields, ga
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learning.bounds import bounded_minimum
-from soro_core.adaptation.learning.outside_force import held, remembered
+from soro_core.adaptation.learning.outside_force import KEPT, PAST_S, held
 from soro_core.adaptation.learning.slope_evidence import SlopeEvidence, compared, rivals
 from soro_core.adaptation.learning.state import LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
@@ -228,7 +228,8 @@ class Learner:
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])
         if sample.stage != "free":
-            seen, bounds = (residual, regressor, self._noise(covariance)), self._mass_bounds(state)
+            noise = self._rule.noise + self.slope @ covariance @ self.slope.T
+            seen, bounds = (residual, regressor, noise), self._mass_bounds(state)
             under = held(state, sample.stage, seen, self._rule, bounds, dt)
             return replaced(under, residual=residual, regressor=regressor, rate=sample.qd, note=state.named)
         start, known = state.start, np.concatenate([state.learned.theta, state.chambers])
@@ -252,15 +253,19 @@ class Learner:
             note = f"the learned mass at the tip is at its bound, {1e3 * mass_kg:.3g} g"
         parts, judged_s, slopes, named = self._parts(within), state.judged_s + dt, state.slopes, state.named
         if judged_s >= _JUDGED_S:
-            adopted, mean = compared(slopes, sides, self._noise(covariance), judged_s)
+            noise = self._rule.noise + self.slope @ covariance @ self.slope.T
+            adopted, mean = compared(slopes, sides, noise, judged_s)
             found = rivals(information, moment, self.first_slope, self._room(start, True))
             slopes, judged_s = SlopeEvidence(adopted, mean, found), 0.0
             named = self._named(parts["chambers"], information)
+        past = tuple((kept[0] + dt, *kept[1:]) for kept in state.past)
+        if not past or past[-1][0] >= PAST_S:
+            past = (*past[-1:], (0.0, *(getattr(state, name) for name in KEPT)))
         return replaced(
             state,
             **parts,
             stage="free",
-            past=remembered(state, dt),
+            past=past,
             information=after[0],
             moment=after[1],
             prior=prior,
@@ -274,10 +279,6 @@ class Learner:
             named=named,
             note="; ".join(filter(None, (named, note))),
         )
-
-    def _noise(self, covariance: Array) -> Array:
-        """Return the covariance (n_q, n_q) of a residual where q has one (n_q, n_q)."""
-        return np.asarray(self._rule.noise + self.slope @ covariance @ self.slope.T)
 
     def _mass_bounds(self, state: LearnerState) -> tuple[float, float]:
         """Return the bounds of the mass [kg] under a push.

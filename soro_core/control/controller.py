@@ -301,7 +301,8 @@ class Controller(GivenReferences):
             limit_cycle=limit_cycle,
             force=force,
         )
-        notes = filter(None, (after.watch.note, limit_cycle.note, force.note, state.probed))
+        told = after.watch.note, limit_cycle.note, self.force_loop.note(force), state.probed
+        notes = filter(None, told)
         return after, Command(
             setpoint_pa=made.command_pa,
             desired_force=desired,

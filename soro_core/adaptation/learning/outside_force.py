@@ -14,16 +14,8 @@ from soro_core.arrays import Array
 from soro_core.frozen import replaced
 
 # What was known is kept for between one and two of these times [s].
-_PAST_S = 0.2
-_KEPT = ("learned", "chambers", "information", "moment", "prior")
-
-
-def remembered(state: LearnerState, dt: float) -> tuple[tuple[Any, ...], ...]:
-    """Return what is kept of a state a time `dt` [s] later, oldest first, each with its age [s]."""
-    past = tuple((kept[0] + dt, *kept[1:]) for kept in state.past)
-    if not past or past[-1][0] >= _PAST_S:
-        past = (*past[-1:], (0.0, *(getattr(state, name) for name in _KEPT)))
-    return past
+PAST_S = 0.2
+KEPT = ("learned", "chambers", "information", "moment", "prior")
 
 
 def held(
@@ -51,7 +43,7 @@ def held(
         Time since the last sample [s].
     """
     if state.stage == "free" and state.past:
-        was: dict[str, Any] = dict(zip(_KEPT, state.past[0][1:], strict=True))
+        was: dict[str, Any] = dict(zip(KEPT, state.past[0][1:], strict=True))
         unpushed = was["learned"].mass_kg, was["information"], seen[1]
         state = replaced(state, past=(), unpushed=unpushed, **was)
     known = np.concatenate([state.learned.theta, state.chambers])

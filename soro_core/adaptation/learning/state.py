@@ -76,7 +76,7 @@ class LearnerState:
     stage : {"free", "outside force", "contact"}
         Stage of the last sample.
     past : tuple
-        What was known up to two times `_PAST_S` ago, oldest first, each with its age: a force from outside is
+        What was known up to two times `PAST_S` ago, oldest first, each with its age: a force from outside is
         found a little after it has begun to teach.
     unpushed : tuple of float and two ndarray, or None
         Mass [kg], information and regressor before the present force from outside.

@@ -24,6 +24,7 @@ from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 from soro_core.control.force.cap import capped
 from soro_core.control.force.force_state import ForceLoopState
+from soro_core.control.force.press import Press
 from soro_core.control.force.pressing import asked, pressed
 from soro_core.control.force.pushed_tip import PushedTip
 from soro_core.control.force.tip_stiffness import StiffnessAtTip
@@ -105,10 +106,12 @@ class ForceLoop:
         if felt is None and state.felt is not None and state.gap_s < _GAP_S:
             still = np.zeros_like(point.q)
             return replaced(state, gap_s=state.gap_s + dt, rate=np.zeros(3), shift_rate=still)
-        state = asked(replaced(state, felt=felt, gap_s=0.0), following.wanted, following.given, dt)
-        press = state.press
-        if press is None and not self.config.cap_n and not (state.moved.any() or state.wanted_n):
+        state = replaced(state, felt=felt, gap_s=0.0)
+        moves = state.press or self.config.cap_n or state.moved.any() or state.wanted_n
+        if not moves and not isinstance(following.wanted, Press):
             return state if state.tip is None else replaced(state, tip=None)
+        state = asked(state, following.wanted, following.given, dt)
+        press = state.press
         state = self._tracked(state, *seen, dt)
         tip, speed, _ = self._tip(point.q, point.qd)
         if press is None:
@@ -132,6 +135,16 @@ class ForceLoop:
             return point
         shift = state.shift + time_s * state.shift_rate
         return Point(point.q + shift, point.qd + state.shift_rate, point.qdd)
+
+    def note(self, state: ForceLoopState) -> str:
+        """Return what the user must know."""
+        if state.is_unfelt:
+            what = "the tip is stopped" if state.phase == "stopped" else "nothing keeps it below the cap"
+            return f"no estimate of the force: {what}"
+        if state.phase != "stopped":
+            return state.refusal
+        where = "where the tip follows" if state.is_beyond else f"within {state.approach_s:.1f} s"
+        return f"no contact {where}: the tip is stopped"
 
     def told(self, state: ForceLoopState) -> ExternalForce | None:
         """Return the estimated force as the law is told: what a tip presses on, or approaches, is no load."""

@@ -95,17 +95,6 @@ class ForceLoopState:
         """Force that is added at the tip of uniform links, (3,) [N]."""
         return np.asarray(self.scale * (self.wanted_n + self.added_n) * self.toward)
 
-    @property
-    def note(self) -> str:
-        """What the user must know."""
-        if self.is_unfelt:
-            what = "the tip is stopped" if self.phase == "stopped" else "nothing keeps it below the cap"
-            return f"no estimate of the force: {what}"
-        if self.phase != "stopped":
-            return self.refusal
-        where = "where the tip follows" if self.is_beyond else f"within {self.approach_s:.1f} s"
-        return f"no contact {where}: the tip is stopped"
-
     def released(self, dt: float) -> ForceLoopState:
         """Return the state with less push, after a tick of `dt` [s]."""
         if not self.wanted_n:

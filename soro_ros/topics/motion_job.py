@@ -10,6 +10,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from soro_core.control import ControllerState
+from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.force.press import Press
 from soro_core.control.motion_config import MotionConfig
 from soro_ros.topics.diagnostics import ERROR, OK, WARN
@@ -112,7 +113,7 @@ class PressJob(Job):
         self.mean_s = t
         self.pressed_n += part * (loop.pressed_n - self.pressed_n)
         if loop.phase == "stopped":
-            return LOST, loop.note
+            return LOST, ForceLoop.note(loop)
         allowed = max(_REACHED_PART * press.force_n, _REACHED_N)
         off = abs(self.pressed_n - press.force_n)
         touches = loop.phase == "contact"

@@ -136,7 +136,8 @@ class ForceLoop:
         shift = state.shift + time_s * state.shift_rate
         return Point(point.q + shift, point.qd + state.shift_rate, point.qdd)
 
-    def note(self, state: ForceLoopState) -> str:
+    @staticmethod
+    def note(state: ForceLoopState) -> str:
         """Return what the user must know."""
         if state.is_unfelt:
             what = "the tip is stopped" if state.phase == "stopped" else "nothing keeps it below the cap"

@@ -141,7 +141,7 @@ class RigidBody(Strict):
         discriminator="kind", description="its surface"
     )
     mass: float | None = Field(None, gt=0, le=1e6, description="[kg]; needed by a body that is not fixed")
-    inertia: Vector3 | None = Field(None, description="about its axes [kg m^2]; default that of a solid body")
+    inertia: Vector3 | None = Field(None, description="about its axes [kg m2]; default that of a solid body")
     position: Vector3 = Field(_ZERO, description="in the world [m]")
     quaternion: Quaternion = Field((0.0, 0.0, 0.0, 1.0), description="x, y, z, w")
     velocity: Vector3 = Field(_ZERO, description="at the start [m/s]")

@@ -43,6 +43,8 @@ _KINDS: dict[str, tuple[str, dict[str, float]]] = {
     "N/m": ("stiffness", {"N/mm": 1e3}),
     "Nm": ("torque", {"Nmm": 1e-3, "mNm": 1e-3}),
     "Nm/rad": ("stiffness", {"Nmm/rad": 1e-3}),
+    "Nms/rad": ("damping", {"Nmms/rad": 1e-3}),
+    "kgm2": ("moment of inertia", {"gcm2": 1e-7}),
     "Ns/m": ("damping", {"Ns/mm": 1e3}),
     "s/m": ("time per length", {"s/mm": 1e3, "ms/mm": 1.0}),
     "m3/(sPa)": ("conductance", {"l/(sbar)": 1e-8}),
@@ -97,7 +99,12 @@ _NAMES = {
     "Link.density": "kg/m3",
     "Injection.at": "s",
     **dict.fromkeys(("PointMass.place", "LinkSection.place", "TipConstraint.point"), "m"),
-    **dict.fromkeys(("Plane.point", "Wall.point"), "m"),
+    **dict.fromkeys(("Plane.point", "Wall.point", "Hinge.point", "BoxShape.size", "RigidBody.position"), "m"),
+    "RigidBody.velocity": "m/s",
+    "RigidBody.angular_velocity": "rad/s",
+    "RigidBody.inertia": "kgm2",
+    "Hinge.stiffness": "Nm/rad",
+    "Hinge.damping": "Nms/rad",
     **dict.fromkeys(
         (f"{one}.stiffness" for one in ("Surface", "Plane", "Sphere", "Wall", "TipConstraint")), "N/m"
     ),

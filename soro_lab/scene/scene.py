@@ -159,10 +159,14 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         """Return all keys with their values, also defaults, as in a scene file."""
         values = self.model_dump(mode="json", exclude={"arms"})
         if self.arms:
-            own = {name: arm.to_dict() for name, arm in self.arms.items()}
+            own = {name: (arm.to_dict(), arm.is_shared) for name, arm in self.arms.items()}
             values["arms"] = {
-                name: {key: value for key, value in keys.items() if key not in OF_RUN}
-                for name, keys in own.items()
+                name: {
+                    key: value
+                    for key, value in keys.items()
+                    if key not in OF_RUN and not (is_shared and key == "limits")
+                }
+                for name, (keys, is_shared) in own.items()
             }
         if self.controller.gains.stated:  # the file must say whose they are
             values["controller"]["robot"] = self.gains_robot

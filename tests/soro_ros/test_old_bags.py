@@ -27,7 +27,13 @@ from tests.warm import Popen
 
 FOLDER = Path(__file__).parents[2] / "bags" / "two_links"
 OLD = "std_msgs/msg/Float64MultiArray"
-FORCE = ("*arm/wrench*", "*arm/covariance.effort*", "*arm/learned.velocity*", "*arm/learned.effort*")
+FORCE = (
+    "*arm/wrench*",
+    "*arm/covariance.effort*",
+    "*arm/covariance.velocity*",
+    "*arm/learned.velocity*",
+    "*arm/learned.effort*",
+)
 
 
 def old(message):

@@ -25,7 +25,6 @@ from soro_ros.topics.diagnostics import ERROR, Diagnostics
 from tests.refused import refused, refused_keys
 from tests.soro_ros.running import SORO, end, wait_until
 from tests.soro_ros.test_fault_injection import Served
-from tests.warm import Popen
 
 NODES = textwrap.dedent(
     """
@@ -287,7 +286,8 @@ def test_a_domain_that_is_none_is_one_line(monkeypatch):
 
 @pytest.mark.process
 def test_ctrl_c_ends_the_search(domain):
-    process = Popen([*SORO, "reset"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    # A fork of a warm process has the library from the start.
+    process = subprocess.Popen([*SORO, "reset"], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     # Once it joins ROS, amid the search of 4 s.
     wait_until(lambda: "rmw_fastrtps" in Path(f"/proc/{process.pid}/maps").read_text(), "ROS", every_s=0.001)
     status, out, err = end(process, signal.SIGINT)

@@ -64,7 +64,7 @@ def test_what_a_touch_needs_is_made_with_the_controller_and_kept(monkeypatch):
     before = loop.controller.force_loop
     loop.retune(force={"rate_per_s": 3.0})
     after = loop.controller.force_loop
-    assert (before.config.rate_per_s, after.config.rate_per_s) == (1.5, 3.0)
+    assert (before.config.rate_per_s, after.config.rate_per_s) == (1.0, 3.0)
     assert after.stiffness.nonuniformity(Q, np.array([1.0, 0.0, 0.0])) > 1.1
 
 

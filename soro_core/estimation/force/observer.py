@@ -29,6 +29,8 @@ _MOST_PIECES = 8
 # Deviation of the common gain of an arm whose robot file states none or a larger one: by a doubt of a third
 # of itself no force would be one.
 _GAIN_STD = 0.03
+# Time after which a force is one where no law says what it has learned [s].
+_ALONE_S = 2.0
 # Time without a position of a place after which one further in is used [s].
 _PLACE_S = 0.25
 # Deviation of the force of inertia at the tip, as a part of it.
@@ -246,7 +248,9 @@ class ForceObserver:
             acceleration,
             float(np.linalg.norm(speed)) > _MOVES_PER_S * self.arm.length,
         )
-        stage = next_stage(state.stage, told, dt)
+        # Before a law has said how well it knows the arm, what the model misses may be its load.
+        speaks = state.passed_s > _ALONE_S if learned is None else learned.doubt is not None
+        stage = next_stage(state.stage, told, dt) if speaks else state.stage
         if state.stage.stage != "free" and stage.stage == "free":
             # What is known since the touch is of the push; or it is a load, which is known now.
             state = state._replace(past=() if stage.mass_free else state.past[:1])

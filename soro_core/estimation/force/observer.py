@@ -29,6 +29,8 @@ _MOST_PIECES = 8
 # Deviation of the common gain of an arm whose robot file states none or a larger one: by a doubt of a third
 # of itself no force would be one.
 _GAIN_STD = 0.03
+# Time constants of the low-pass after which it tells a force from noise.
+_BEGUN = 5.0
 # Time after which a force is one where no law says what it has learned [s].
 _ALONE_S = 2.0
 # Time without a position of a place after which one further in is used [s].
@@ -134,8 +136,8 @@ class ForceState(NamedTuple):
     external: ExternalForce | None = None
 
     def begun_anew(self, due_s: float) -> ForceState:
-        """Return the state without an estimate; what was touched may be there still."""
-        return ForceState(due_s=due_s, stage=self.stage)
+        """Return the state without an estimate; what was touched, and the sensor, may be the same."""
+        return ForceState(due_s=due_s, stage=self.stage, scatter=self.scatter)
 
 
 @dataclass(frozen=True)
@@ -249,7 +251,10 @@ class ForceObserver:
             float(np.linalg.norm(speed)) > _MOVES_PER_S * self.arm.length,
         )
         # Before a law has said how well it knows the arm, what the model misses may be its load.
-        speaks = state.passed_s > _ALONE_S if learned is None else learned.doubt is not None
+        least_s, says = _ALONE_S, True
+        if learned is not None:
+            least_s, says = _BEGUN / config.low_pass_per_s, learned.doubt is not None
+        speaks = says and state.passed_s > least_s
         stage = next_stage(state.stage, told, dt) if speaks else state.stage
         if state.stage.stage != "free" and stage.stage == "free":
             # What is known since the touch is of the push; or it is a load, which is known now.

@@ -161,16 +161,7 @@ class ForceLoop:
         return np.asarray(slope.T @ state.push_n)
 
     def relieved(self, state: ForceLoopState, missing_pa: Array, dt: float) -> ForceLoopState:
-        """Return the state with the tip moved as in `PushedTip.relieved`.
-
-        Parameters
-        ----------
-        state : ForceLoopState
-        missing_pa : ndarray (n_u,)
-            Pressure beyond its bound that the desired force needs of each chamber, negative below [Pa].
-        dt : float
-            Time since the last tick [s].
-        """
+        """Return the state with the tip moved; parameters as in `PushedTip.relieved`."""
         if state.phase != "contact" or not missing_pa.any():
             return state
         return self._push.relieved(state, missing_pa, dt)

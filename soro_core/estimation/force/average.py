@@ -84,7 +84,7 @@ def averaged(
     return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]))
 
 
-def covariance(average: Average, density: Array) -> Array:
+def covariance_of(average: Average, density: Array) -> Array:
     """Return the covariance (3, 3) [N^2] of an average by noise of such a density."""
     weak = np.linalg.eigh(density)[1][:, -1]
     square = np.outer(weak, weak)

@@ -16,7 +16,7 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
-from soro_core.estimation.force.average import ALONG_LOAD, Average, NoisyForce, averaged, covariance
+from soro_core.estimation.force.average import ALONG_LOAD, Average, NoisyForce, averaged, covariance_of
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -110,6 +110,8 @@ class ForceState(NamedTuple):
         first.
     speed : ndarray (3,) or None
         Velocity of the tip behind a slow low-pass [m/s].
+    acceleration : float
+        That of the tip [m/s^2].
     stage : StageState
     held : TipHold or None
         What holds the arm from outside, for the filter; None while it is free.
@@ -131,6 +133,7 @@ class ForceState(NamedTuple):
     of_any: Average | None = None
     past: tuple[Before, ...] = ()
     speed: Array | None = None
+    acceleration: float = 0.0
     stage: StageState = StageState()
     held: TipHold | None = None
     external: ExternalForce | None = None
@@ -204,11 +207,10 @@ class ForceObserver:
         start_s = state.passed_s
         for one in seen:
             state = self._passed(state, one)
-        measured, q = state.measured, state.q
+        measured, q, learned = state.measured, state.q, known.learned
         assert measured is not None
         assert q is not None
-        dt, config = state.passed_s - start_s, self.config
-        theta, learned = self._nothing, known.learned
+        dt, theta = state.passed_s - start_s, self._nothing
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
         state = state._replace(past=_past(state, float(theta[0]), dt))
@@ -222,58 +224,76 @@ class ForceObserver:
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
             return state.begun_anew(state.due_s)
-        noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned, bent)
-        jacobian = self.arm.jacobian(seen[-1].q, s)[3:]
-        load_kg = self.arm.robot.tip_mass + float(theta[0])
-        acceleration = float(np.linalg.norm(jacobian @ measured.qdd))
-        inertia_kg = _INERTIA * (0.5 * self._mass_kg + max(load_kg, 0.0))
-        density = state.interval_s * noise
-        moved = (inertia_kg * acceleration) ** 2 / config.fast_per_s
-        noisy = NoisyForce(balance.force_n, density, moved)
-        average = averaged(state.average, noisy, config.low_pass_per_s, dt)
-        of_any = averaged(state.of_any, noisy, config.low_pass_per_s, dt, ALONG_LOAD)
-        slow, found = average.force_n, covariance(average, density) + doubt
-        velocity = jacobian @ measured.qd
-        speed = (
-            velocity
-            if state.speed is None
-            else state.speed + _part_of(_STEADY_PER_S, dt) * (velocity - state.speed)
-        )
-        state = state._replace(speed=speed)
-        told = ForceSeen(
-            (balance.force_n, self._part(state, config.fast_per_s) * noise + doubt),
-            (slow, found),
-            (of_any.force_n, covariance(of_any, density) + doubt),
-            self.balancer.fine.tables.gravity,
-            load_kg,
-            inertia_kg,
-            acceleration,
-            float(np.linalg.norm(speed)) > _MOVES_PER_S * self.arm.length,
-        )
-        # Before a law has said how well it knows the arm, what the model misses may be its load.
-        least_s, says = _ALONE_S, True
-        if learned is not None:
-            least_s, says = _BEGUN / config.low_pass_per_s, learned.doubt is not None
-        speaks = says and state.passed_s > least_s
-        stage = next_stage(state.stage, told, dt) if speaks else state.stage
+        state = self._averaged(state._replace(balance=balance), measured, float(theta[0]), seen[-1].q, dt)
+        told = self._told(state, measured, learned, float(theta[0]), bent)
+        stage = next_stage(state.stage, told, dt) if self._may_tell(state, learned) else state.stage
+        slow, covariance = told.slow
         if state.stage.stage != "free" and stage.stage == "free":
             # What is known since the touch is of the push; or it is a load, which is known now.
             state = state._replace(past=() if stage.mass_free else state.past[:1])
-            average, of_any = (one._replace(force_n=np.zeros(3)) for one in (average, of_any))
+            state = state._replace(average=_emptied(state.average), of_any=_emptied(state.of_any))
         held = None
-        # Before a law has said how well it knows the arm, in the probe say, what the model misses is no push.
         if stage.stage != "free" and learned is not None and learned.doubt is not None:
             place = HeldPlace(measured.position, s, q, measured.pressure_pa, seen[-1].internal, slow)
-            part = _part_of(config.low_pass_per_s, dt)
-            with contextlib.suppress(
-                ModelError, np.linalg.LinAlgError
-            ):  # no coordinates have the place there
+            part = _part_of(self.config.low_pass_per_s, dt)
+            # No coordinates may have the place there.
+            with contextlib.suppress(ModelError, np.linalg.LinAlgError):
                 held = hold(self.force, state.held, place, learned, part, dt)
         tip = self.balancer.fine.pose(balance.x, self.balancer.fine.length)[:3, 3]
-        external = ExternalForce(slow, stage.doubt * found, stage.stage, stage.mass_free, tip)
+        external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.mass_free, tip)
+        return state._replace(stage=stage, held=held, external=external)
+
+    def _averaged(
+        self, state: ForceState, measured: Measured, mass_kg: float, q: Array, dt: float
+    ) -> ForceState:
+        """Return the state with the force of its new balance in both averages, and the motion of the tip."""
+        assert state.balance is not None
+        jacobian = self.arm.jacobian(q, state.place)[3:]
+        acceleration = float(np.linalg.norm(jacobian @ measured.qdd))
+        inertia = (self._inertia_kg(mass_kg) * acceleration) ** 2 / self.config.fast_per_s
+        density = state.interval_s * self._noise(state.balance, state)
+        noisy, rate = NoisyForce(state.balance.force_n, density, inertia), self.config.low_pass_per_s
+        speed = velocity = jacobian @ measured.qd
+        if state.speed is not None:
+            speed = state.speed + _part_of(_STEADY_PER_S, dt) * (velocity - state.speed)
         return state._replace(
-            balance=balance, average=average, of_any=of_any, stage=stage, held=held, external=external
+            average=averaged(state.average, noisy, rate, dt),
+            of_any=averaged(state.of_any, noisy, rate, dt, ALONG_LOAD),
+            speed=speed,
+            acceleration=acceleration,
         )
+
+    def _told(
+        self, state: ForceState, measured: Measured, learned: Learned | None, mass_kg: float, bent: Array
+    ) -> ForceSeen:
+        """Return what the balance and the averages of a state say of the force."""
+        balance, average, of_any, speed = state.balance, state.average, state.of_any, state.speed
+        assert balance is not None
+        assert average is not None
+        assert of_any is not None
+        assert speed is not None
+        noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned, bent)
+        density = state.interval_s * noise
+        return ForceSeen(
+            (balance.force_n, self._part(state, self.config.fast_per_s) * noise + doubt),
+            (average.force_n, covariance_of(average, density) + doubt),
+            (of_any.force_n, covariance_of(of_any, density) + doubt),
+            self.balancer.fine.tables.gravity,
+            self.arm.robot.tip_mass + mass_kg,
+            self._inertia_kg(mass_kg),
+            state.acceleration,
+            float(np.linalg.norm(speed)) > _MOVES_PER_S * self.arm.length,
+        )
+
+    def _inertia_kg(self, mass_kg: float) -> float:
+        """Return the mass [kg] whose inertia is in doubt at the tip, with a learned load [kg]."""
+        return float(_INERTIA * (0.5 * self._mass_kg + max(self.arm.robot.tip_mass + mass_kg, 0.0)))
+
+    def _may_tell(self, state: ForceState, learned: Learned | None) -> bool:
+        """Whether a force has a stage: before a law says how well it knows the arm it may be the load."""
+        if learned is None:
+            return state.passed_s > _ALONE_S
+        return learned.doubt is not None and state.passed_s > _BEGUN / self.config.low_pass_per_s
 
     def _passed(self, state: ForceState, one: Seen) -> ForceState:
         """Return the state with one more position behind the low-pass."""
@@ -337,6 +357,11 @@ class ForceObserver:
 def _part_of(rate: float, dt: float) -> float:
     """Return the part of the way of a low-pass of a rate [rad/s] in a time [s]."""
     return -math.expm1(-rate * dt)
+
+
+def _emptied(average: Average | None) -> Average | None:
+    """Return an average that begins at no force."""
+    return None if average is None else average._replace(force_n=np.zeros(3))
 
 
 def _past(state: ForceState, mass_kg: float, dt: float) -> tuple[Before, ...]:

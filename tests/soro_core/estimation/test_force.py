@@ -12,13 +12,14 @@ from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.reference.trajectory import Hold
 from soro_core.estimation import Estimator, EstimatorConfig
-from soro_core.estimation.force.average import NoisyForce, averaged, covariance
+from soro_core.estimation.force.average import NoisyForce, averaged, covariance_of
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.observer import ForceObserver, Noise
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
 from soro_core.estimation.force.tip_balance import Measured, TipBalancer
 from soro_core.loop import Loop
 from soro_core.twin import Twin, TwinConfig
+from tests.soro_core.loop.arms import BY_NAME
 from tests.soro_core.loop.loop_harness import Harness, Setup
 
 ROBOT = load_robot("tue_three_bellow")
@@ -191,7 +192,7 @@ def test_noise_along_the_chord_does_not_reach_what_is_across_it():
     tip = np.array([0.95, 0.0, 0.3])  # across the tip, not across the chord
     assert np.abs(np.array(found[100:200]) @ tip).max() < 2e-3
     assert np.abs(np.array(found[205:]) @ tip).max() < 12e-3
-    kept = covariance(average, density)
+    kept = covariance_of(average, density)
     assert np.sqrt(CHORD @ kept @ CHORD) > 5.0 * np.sqrt(kept[1, 1])
 
 
@@ -286,6 +287,14 @@ def test_commands_are_the_same_to_the_bit_while_nothing_pushes():
     assert blind[-1][1].external is None
     assert {one.external.stage for _, one, _, _ in seen[2:] if one.external} == {"free"}
     assert all((a[3] == b[3]).all() for a, b in zip(seen, blind, strict=True))
+
+
+def test_an_unknown_load_at_the_start_is_no_force_from_outside():
+    """That would teach the law nothing but the load, and leave the tip half a millimetre off."""
+    robot, setup = BY_NAME["asu_two_segment, 100 g, pose at the tip"].ready(duration_s=1.0)
+    loop = Loop(Estimator(robot, setup.estimation), Controller(robot, setup.control))
+    ticks = list(loop.run(Harness(robot, setup), 200, setup.dt, delay=setup.command_delay))
+    assert {tick.estimate.external.stage for tick in ticks if tick.estimate.external} == {"free"}
 
 
 def test_a_push_on_a_circling_arm_is_found_and_taken_into_the_filter():

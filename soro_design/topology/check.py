@@ -27,7 +27,7 @@ class Reanalysis:
         Of the output against its spring [m], NaN where there is no equilibrium.
     free_m : float
         Without a spring [m], NaN where there is no equilibrium.
-    u, free_u : ndarray, (n, 2)
+    u, free_u : ndarray, (n, d)
         Displacements of both [m], of the last state in equilibrium.
     cause : str
         Why there is no equilibrium, else empty.
@@ -52,11 +52,11 @@ class FinalPart:
         Of its solid.
     air : Flood
         What is wet.
-    wet, outer : ndarray of int, (f, 2)
+    wet, outer : ndarray of int, (f, m)
         Faces that the air of the inlet presses on, and those in the open.
     wall_m : float
         Least distance between them [m].
-    wall_at : ndarray, (2,)
+    wall_at : ndarray, (d,)
         Where that is [m].
     """
 
@@ -77,8 +77,8 @@ class FinalPart:
     def leak(self) -> str:
         """Why it does not hold air, else empty."""
         if self.air.is_leak.any():
-            x, y = 1e3 * self.cut.points[np.flatnonzero(self.air.is_leak)[0]]
-            return f"the part is not sealed: air of the inlet reaches the open at ({x:.4g}, {y:.4g}) mm"
+            at = place_text(self.cut.points[np.flatnonzero(self.air.is_leak)[0]])
+            return f"the part is not sealed: air of the inlet reaches the open at {at}"
         if not self.air.is_wet.any():
             return "the inlet is full of solid: no air gets in"
         return ""

@@ -14,7 +14,7 @@ from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import Mesh
 from soro_design.topology.physics.compliance import Compliance
 from soro_design.topology.physics.darcy import Flow
-from soro_design.topology.physics.grid import Grid, make_grid
+from soro_design.topology.physics.grid import Grid, make_grid, place_text
 from soro_design.topology.physics.stroke import Stroke
 from soro_design.topology.task import Box, Disc, Farthest, Stiffest, Task
 
@@ -36,9 +36,9 @@ class Domain:
         Elements that stay so.
     is_inlet, is_open : ndarray of bool, (n,)
         Nodes at full pressure and at none.
-    is_held : ndarray of bool, (n, 2)
+    is_held : ndarray of bool, (n, d)
         Directions in which nodes do not move.
-    output : ndarray, (n, 2)
+    output : ndarray, (n, d)
         Weights of the displacements that make that of the output; 0 where the goal has none.
     """
 
@@ -120,8 +120,8 @@ def make_domain(task: Task, where: str = "task") -> Domain:
     for k, one_start in enumerate(task.start):
         elements(one_start.where, f"start[{k}].where")
     if (is_solid & is_void).any():
-        x, y = 1e3 * centres[np.flatnonzero(is_solid & is_void)[0]]
-        raise ConfigError(where, "void", f"({x:.4g}, {y:.4g}) mm", "elements that are not solid too")
+        place = place_text(centres[np.flatnonzero(is_solid & is_void)[0]])
+        raise ConfigError(where, "void", place, "elements that are not solid too")
     if grid.volumes[is_solid].sum() > task.volume_fraction * grid.volumes.sum():
         raise ConfigError(where, "volume_fraction", task.volume_fraction, "more than the share in `solid`")
     output = np.zeros(points.shape)
@@ -129,7 +129,7 @@ def make_domain(task: Task, where: str = "task") -> Domain:
         try:
             output = patch(grid.mesh, nodes(task.goal.output, "goal.output"), np.array(task.goal.direction))
         except ModelError:
-            allowed = "edges of the border, no single node and nothing inside"
+            allowed = "faces of the border, no single node and nothing inside"
             raise ConfigError(where, "goal.output", _told(task.goal.output), allowed) from None
         if not (output[~is_held] != 0.0).any():
             allowed = "an output that can move: `held` holds all of it in that direction"
@@ -179,37 +179,38 @@ def inside(region: Box | Disc, points: Array, near: float) -> Flags:
     ----------
     region : Box or Disc
         The region.
-    points : ndarray, (n, 2)
+    points : ndarray, (n, d)
         Points [m].
     near : float
         Distance from its border that still counts [m].
     """
     if isinstance(region, Box):
         found = np.ones(len(points), dtype=bool)
-        for k, side in enumerate((region.x_m, region.y_m)):
+        for k, side in enumerate((region.x_m, region.y_m, region.z_m)):
             if side is not None:
                 found &= (points[:, k] >= side[0] - near) & (points[:, k] <= side[1] + near)
         return found
     gap = points - np.asarray(region.centre_m)
-    return np.asarray(np.hypot(*gap.T) <= region.radius_m + near)
+    return np.asarray(np.linalg.norm(gap, axis=1) <= region.radius_m + near)
 
 
 def joined(cells: Integers, seeds: Flags) -> Flags:
-    """Return which nodes (n,) elements (e, 4) join with those of `seeds` (n,)."""
-    n, pairs = len(seeds), np.concatenate([cells[:, k : k + 2] for k in range(3)])
+    """Return which nodes (n,) elements (e, a) join with those of `seeds` (n,)."""
+    n, last = len(seeds), cells.shape[1] - 1
+    pairs = np.concatenate([cells[:, k : k + 2] for k in range(last)])
     graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(n, n))
     _, label = connected_components(graph, directed=False)
     return np.asarray(np.isin(label, label[seeds]))
 
 
 def held_nodes(task: Task, points: Array, near: float) -> Flags:
-    """Return the directions in which points do not move, (n, 2) of bool.
+    """Return the directions in which points do not move, (n, d) of bool.
 
     Parameters
     ----------
     task : Task
         The task.
-    points : ndarray, (n, 2)
+    points : ndarray, (n, d)
         Points [m].
     near : float
         Distance from the border of a region that still counts [m].
@@ -218,7 +219,7 @@ def held_nodes(task: Task, points: Array, near: float) -> Flags:
     for one in task.held:
         found = inside(one.where, points, near)
         for axis in one.along:
-            is_held[found, "xy".index(axis)] = True
+            is_held[found, "xyz".index(axis)] = True
     if task.space == "axisymmetric":
         is_held[points[:, 0] < near, 0] = True
     return is_held
@@ -226,11 +227,11 @@ def held_nodes(task: Task, points: Array, near: float) -> Flags:
 
 def size_text(task: Task) -> str:
     """Return the size of the grid in words."""
-    return f"0 to {task.size_m[0]:g} along x and 0 to {task.size_m[1]:g} m along y"
+    return " and ".join(f"0 to {size:g} m along {axis}" for axis, size in zip("xyz", task.size_m, strict=False))
 
 
 def patch(mesh: Mesh, is_there: Flags, along: Array) -> Array:
-    """Return weights (n, 2) that make the mean motion of a patch of the border along a direction.
+    """Return weights (n, d) that make the mean motion of a patch of the border along a direction.
 
     Parameters
     ----------
@@ -238,16 +239,32 @@ def patch(mesh: Mesh, is_there: Flags, along: Array) -> Array:
         The mesh.
     is_there : ndarray of bool, (n,)
         Nodes of the patch.
-    along : ndarray, (2,)
+    along : ndarray, (d,)
         The direction; its length plays no part.
 
     Raises
     ------
     ModelError
-        If no edge of the border has both its nodes there.
+        If no face of the border has all its nodes there.
     """
     faces = mesh.faces_at(np.asarray(is_there))
-    length = np.hypot(*(mesh.points[faces[:, 1]] - mesh.points[faces[:, 0]]).T)
     weight = np.zeros(len(mesh.points))
-    np.add.at(weight, faces, length[:, None])
-    return np.asarray((weight / weight.sum())[:, None] * along / np.hypot(*along))
+    np.add.at(weight, faces, np.linalg.norm(normals(mesh.points, faces), axis=1)[:, None])
+    return np.asarray((weight / weight.sum())[:, None] * along / np.linalg.norm(along))
+
+
+def normals(points: Array, faces: Integers) -> Array:
+    """Return the outward normals (f, d) of faces (f, 2) of a section or (f, 4) of a solid, as long as these.
+
+    Parameters
+    ----------
+    points : ndarray, (n, d)
+        Corners [m].
+    faces : ndarray of int, (f, 2 or 4)
+        Turned outwards.
+    """
+    ends = points[faces]
+    if faces.shape[1] == 2:
+        along = ends[:, 1] - ends[:, 0]
+        return np.stack([along[:, 1], -along[:, 0]], axis=1)
+    return np.asarray(0.5 * np.cross(ends[:, 2] - ends[:, 0], ends[:, 3] - ends[:, 1]))

@@ -18,7 +18,7 @@ from soro_design.topology.flood import flood
 from soro_design.topology.mma import Moves, mma_step, no_moves
 from soro_design.topology.physics.compliance import Compliance
 from soro_design.topology.physics.filter import density_filter, greyness, projection
-from soro_design.topology.physics.grid import Evaluation
+from soro_design.topology.physics.grid import Evaluation, place_text
 from soro_design.topology.physics.stroke import Stroke
 from soro_design.topology.shape import contour
 from soro_design.topology.task import Task
@@ -79,7 +79,7 @@ class OptimiserState:
         Design variables of the next iteration.
     moves : Moves
         Memory of the moving asymptotes.
-    u : ndarray, (n, 2)
+    u : ndarray, (n, d)
         Displacements of the last iteration [m].
     density, filtered : ndarray, (e,)
         Densities of the last iteration, and before their projection.
@@ -104,9 +104,9 @@ class OptimiserState:
 def first_state(domain: Domain) -> OptimiserState:
     """Return the state before the first iteration."""
     x = domain.start()
-    n, none = len(domain.is_open), np.empty(0)
+    none = np.empty(0)
     frames = np.empty((0, len(x)), dtype=np.uint8)
-    return OptimiserState(x, no_moves(), np.zeros((n, 2)), none, none, none, frames, ())
+    return OptimiserState(x, no_moves(), np.zeros_like(domain.output), none, none, none, frames, ())
 
 
 def optimise(
@@ -158,8 +158,8 @@ def require_sealable(domain: Domain, where: str) -> None:
     """
     found = flood(domain, contour(domain, np.ones(len(domain.is_solid))))
     if found.is_leak.any():
-        x, y = 1e3 * domain.grid.mesh.points[np.flatnonzero(found.is_leak)[0]]
-        place = f"a way of void from the inlet to the open at ({x:.4g}, {y:.4g}) mm"
+        at = place_text(domain.grid.mesh.points[np.flatnonzero(found.is_leak)[0]])
+        place = f"a way of void from the inlet to the open at {at}"
         raise ConfigError(where, "void", place, "room for a wall between them, else no part is sealed")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -18,22 +18,25 @@ Positive = Annotated[float, Field(gt=0.0)]
 Share = Annotated[float, Field(gt=0.0, lt=1.0)]
 Pair = Annotated[tuple[float, float], Field(strict=False)]
 Range = Annotated[tuple[Positive, Positive], Field(strict=False)]
-Axis = Literal["x", "y"]
+# Of a rectangle two numbers, of a box three.
+Vector = Annotated[tuple[float, ...], Field(strict=False, min_length=2, max_length=3)]
+Axis = Literal["x", "y", "z"]
 
 
 class Box(Strict):
-    """A rectangle; a side that is left out is that of the whole grid."""
+    """A rectangle, of a solid a box; a side that is left out is that of the whole grid."""
 
     kind: Literal["box"]
     x_m: Annotated[Pair | None, Field(description="from and to")] = None
     y_m: Annotated[Pair | None, Field(description="from and to")] = None
+    z_m: Annotated[Pair | None, Field(description="from and to, of a solid")] = None
 
 
 class Disc(Strict):
-    """What lies within a radius of a point."""
+    """What lies within a radius of a point; of a solid a ball."""
 
     kind: Literal["disc"]
-    centre_m: Annotated[Pair, Field(description="the point")]
+    centre_m: Annotated[Vector, Field(description="the point")]
     radius_m: Positive
 
 
@@ -78,10 +81,10 @@ class Farthest(Strict):
         float | None, Field(ge=0.0, lt=0.5, description="in place of that of the material")
     ] = None
     output: Annotated[Box, Field(description="nodes whose mean motion counts")]
-    direction: Annotated[Pair, Field(description="wanted; its length plays no part")]
+    direction: Annotated[Vector, Field(description="wanted; its length plays no part")]
     spring_pa: Annotated[
         float,
-        Field(ge=0.0, description="[N/m2] spring per thickness; of a ring that of the whole, in N/m"),
+        Field(ge=0.0, description="[N/m2] spring per thickness; of a ring or solid that of the whole, in N/m"),
     ]
     energy_exponent: Annotated[
         float, Field(ge=0.0, le=1.0, description="m: the greater, the stiffer the part")
@@ -158,16 +161,20 @@ class Schedule(Strict):
 
 
 class Task(Strict):
-    """A rectangle in which material is to be distributed."""
+    """A rectangle or box in which material is to be distributed."""
 
     description: Annotated[str, Field(description="one line")] = ""
-    space: Annotated[Literal["plane_strain", "axisymmetric"], Field(description="the latter about x = 0")] = (
-        "plane_strain"
-    )
-    size_m: Annotated[Range, Field(description="lengths along x and y")]
+    space: Annotated[
+        Literal["plane_strain", "axisymmetric", "solid"],
+        Field(description="axisymmetric about x = 0; solid with three lengths"),
+    ] = "plane_strain"
+    size_m: Annotated[
+        tuple[Positive, ...],
+        Field(strict=False, min_length=2, max_length=3, description="lengths along x, y and, of a solid, z"),
+    ]
     cells: Annotated[
-        tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(ge=2)]],
-        Field(strict=False, description="elements along x and y"),
+        tuple[Annotated[int, Field(ge=2)], ...],
+        Field(strict=False, min_length=2, max_length=3, description="elements along each of them"),
     ]
     goal: Annotated[Stiffest | Farthest, Field(discriminator="kind", description="what is best")]
     held: Annotated[
@@ -191,14 +198,32 @@ class Task(Strict):
     schedule: Annotated[Schedule, Field(description="what changes with the iterations")]
     mirrors: Annotated[
         tuple[Axis, ...],
-        Field(strict=False, description="x where the part goes on behind x = 0, y where behind y = 0"),
+        Field(strict=False, description="directions in which the part goes on behind 0, as its image"),
     ] = ()
 
     @model_validator(mode="after")
     def _fits(self) -> Task:
-        if self.space == "axisymmetric" and isinstance(self.goal, Stiffest):
-            raise ValueError("goal farthest about an axis; stiffest is for plane stress")
+        if self.space != "plane_strain" and isinstance(self.goal, Stiffest):
+            raise ValueError("goal farthest about an axis and of a solid; stiffest is for plane stress")
+        d = 3 if self.space == "solid" else 2
+        for name, found in (("size_m", self.size_m), ("cells", self.cells), *self._vectors()):
+            if len(found) != d:
+                raise ValueError(f"{name} of {d} numbers in space {self.space}")
+        along = {axis for one in self.held for axis in one.along} | set(self.mirrors)
+        if d == 2 and ("z" in along or any(isinstance(r, Box) and r.z_m for r in self._regions())):
+            raise ValueError("z in space solid alone")
         return self
+
+    def _regions(self) -> Iterator[Region]:
+        yield from (self.inlet, *self.open, *self.solid, *self.void)
+        yield from (one.where for one in (*self.held, *self.start))
+        if isinstance(self.goal, Farthest):
+            yield self.goal.output
+
+    def _vectors(self) -> Iterator[tuple[str, tuple[float, ...]]]:
+        yield from (("centre_m", one.centre_m) for one in self._regions() if isinstance(one, Disc))
+        if isinstance(self.goal, Farthest):
+            yield "goal.direction", self.goal.direction
 
 
 def load_task(name_or_path: str | Path) -> Task:
@@ -217,7 +242,7 @@ def task_from_dict(data: dict[str, Any], where: str = "task") -> Task:
     """Make a task from a dictionary with the keys of a task file; errors as in `load_task`."""
     task = parse(data, Task, where)
     if isinstance(task.goal, Farthest):
-        if task.goal.direction == (0.0, 0.0):
+        if not any(task.goal.direction):
             raise ConfigError(where, "goal.direction", task.goal.direction, "one that is not zero")
         task.goal.law(where)
     return task

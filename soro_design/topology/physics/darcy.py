@@ -103,7 +103,7 @@ def pressures(grid: Grid, flow: Flow, density: Array, held_pa: Array) -> Pressur
         raise ModelError("no node has a given pressure; allowed: an inlet and an open edge", "inlet")
     p = np.nan_to_num(held_pa)
     rows = matrix[free]
-    solver = regular_factors(rows[:, free].tocsc())
+    solver = regular_factors(rows[:, free].tocsc(), is_solid=grid.mesh.space == "solid")
     if solver is None:
         raise ModelError("the flow has no solution: part of the grid is cut off from every edge", "flow")
     p[free] = solver.solve(-(rows @ p))

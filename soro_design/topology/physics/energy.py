@@ -3,7 +3,8 @@
     phi(u) = kappa (phi_solid(gamma u) + (1 - gamma^2) phi_small(u)) - int p J(u) dV
 
 phi_solid is the energy of the material and phi_small that of small strains: void (gamma = 0) is linear and
-cannot turn inside out (Wang et al. 2014). An element has 8 displacements u = (u_1x, u_1y, ...).
+cannot turn inside out (Wang et al. 2014). The displacements
+of an element are u = (u_1x, u_1y, ...).
 """
 
 from __future__ import annotations
@@ -37,15 +38,15 @@ class Elements(NamedTuple):
         Numbers of the material.
     is_averaged : bool
         Whether an element has one volume ratio, the mean of J.
-    cells : ndarray of int, (e, 4)
+    cells : ndarray of int, (e, a)
         Nodes of the elements.
     kind : ndarray of int, (e,)
         Kind of each element.
     slope, hoop, volume : ndarray, (kinds, g, ...)
         Those of `soro_design.fem.elements.solid.tables`.
-    shape : ndarray, (g, 4)
+    shape : ndarray, (g, a)
         Shape functions at the points of integration.
-    small : ndarray, (kinds, 8, 8)
+    small : ndarray, (kinds, a d, a d)
         Stiffness of small strains.
     """
 
@@ -70,7 +71,7 @@ def _add_air(
     energy = 0.0
     for g in range(volume.shape[0]):
         here = 0.0
-        for a in range(4):
+        for a in range(shape.shape[1]):
             here -= shape[g, a] * p[a] * volume[g]
         fill_gradient(u, slope[g], hoop[g], work.F)
         energy += here * cofactor(work.F, work.H)
@@ -90,53 +91,55 @@ def assemble(
     force: Array,
     into: tuple[Integers, Array],
 ) -> tuple[float, float, int]:
-    """Add forces (n, 2) and stiffness; return the energies of material and air, and -1 or a bad element.
+    """Add forces (n, d) and stiffness; return the energies of material and air, and -1 or a bad element.
 
     `scale` has kappa and gamma (e,) of the elements; pressure (n,) is that of the nodes; `into`: position
-    (e, 8, 8) says where in `data` the stiffness goes. Without `data` there is none. A bad element has J <= 0
+    (e, a d, a d) says where in `data` the stiffness goes. Without `data` there is none. A bad element has J <= 0
     in its solid.
     """
     law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
     kappa, gamma = scale
     position, data = into
-    of, f, K = ElementLaw(law, is_averaged), np.empty(8), np.empty((8, 8))
-    of_cell, scaled, p, work = np.empty((4, 2)), np.empty((4, 2)), np.empty(4), make_work(8)
+    n, d = slope.shape[2:]
+    size = n * d
+    of, f, K = ElementLaw(law, is_averaged), np.empty(size), np.empty((size, size))
+    of_cell, scaled, p, work = np.empty((n, d)), np.empty((n, d)), np.empty(n), make_work(size)
     fs, Ks = work.force, work.stiffness
     with_stiffness = data.shape[0] > 0
     stored, by_air = 0.0, 0.0
     for e in range(cells.shape[0]):
         k = kind[e]
         is_wet = False
-        for a in range(4):
+        for a in range(n):
             p[a] = pressure[cells[e, a]]
             is_wet = is_wet or p[a] != 0.0
-            for i in range(2):
+            for i in range(d):
                 of_cell[a, i] = u[cells[e, a], i]
                 scaled[a, i] = gamma[e] * u[cells[e, a], i]
         rest = kappa[e] * (1.0 - gamma[e] ** 2)
-        for i in range(8):
+        for i in range(size):
             f[i] = 0.0
-            for j in range(8):
+            for j in range(size):
                 K[i, j] = rest * small[k, i, j]
-                f[i] += K[i, j] * of_cell[j // 2, j % 2]
-            stored += 0.5 * f[i] * of_cell[i // 2, i % 2]
+                f[i] += K[i, j] * of_cell[j // d, j % d]
+            stored += 0.5 * f[i] * of_cell[i // d, i % d]
         if gamma[e] > 0.0:
             element = ElementShape(slope[k], hoop[k], volume[k])
             energy = respond_element(of, element, scaled, with_stiffness, work)
             if math.isnan(energy):
                 return stored, by_air, e
             stored += kappa[e] * energy
-            for i in range(8):
+            for i in range(size):
                 f[i] += kappa[e] * gamma[e] * fs[i]
                 for j in range(i + 1):
                     K[i, j] += kappa[e] * gamma[e] ** 2 * Ks[i, j]
         if is_wet:
             element = ElementShape(slope[k], hoop[k], volume[k])
             by_air += _add_air(element, shape, p, of_cell, work, (f, K))
-        for i in range(8):
-            force[cells[e, i // 2], i % 2] += f[i]
+        for i in range(size):
+            force[cells[e, i // d], i % d] += f[i]
         if with_stiffness:
-            for i in range(8):
+            for i in range(size):
                 for j in range(i + 1):
                     data[position[e, i, j]] += K[i, j]
                     if i != j:
@@ -157,20 +160,22 @@ def sensitivities(
     law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
     kappa, gamma = scale
     by_element, by_pressure = by
-    of, f, work = ElementLaw(law, is_averaged), np.empty(8), make_work(8)
+    n, d = slope.shape[2:]
+    size = n * d
+    of, f, work = ElementLaw(law, is_averaged), np.empty(size), make_work(size)
     fs, Ks = work.force, work.stiffness
-    of_cell, scaled, x, y = np.empty((4, 2)), np.empty((4, 2)), np.empty(8), np.empty(8)
+    of_cell, scaled, x, y = np.empty((n, d)), np.empty((n, d)), np.empty(size), np.empty(size)
     by_pressure[:] = 0.0
     for e in range(cells.shape[0]):
         k, c = kind[e], gamma[e]
-        for a in range(4):
-            for i in range(2):
-                of_cell[a, i] = x[2 * a + i] = u[cells[e, a], i]
+        for a in range(n):
+            for i in range(d):
+                of_cell[a, i] = x[d * a + i] = u[cells[e, a], i]
                 scaled[a, i] = c * of_cell[a, i]
-                y[2 * a + i] = adjoint[cells[e, a], i]
+                y[d * a + i] = adjoint[cells[e, a], i]
         quadratic, mixed = 0.0, 0.0
-        for i in range(8):
-            for j in range(8):
+        for i in range(size):
+            for j in range(size):
                 quadratic += 0.5 * x[i] * small[k, i, j] * x[j]
                 mixed += y[i] * small[k, i, j] * x[j]
         energy = (1.0 - c * c) * quadratic
@@ -180,11 +185,11 @@ def sensitivities(
         if c > 0.0:
             element = ElementShape(slope[k], hoop[k], volume[k])
             energy += respond_element(of, element, scaled, True, work)
-            for i in range(8):
+            for i in range(size):
                 energy_by_gamma += fs[i] * x[i]
                 work_done += c * y[i] * fs[i]
                 work_by_gamma += y[i] * fs[i]
-                for j in range(8):
+                for j in range(size):
                     entry = Ks[i, j] if j <= i else Ks[j, i]
                     work_by_gamma += c * y[i] * entry * x[j]
         by_element[e, 0], by_element[e, 1] = energy, kappa[e] * energy_by_gamma
@@ -195,7 +200,7 @@ def sensitivities(
             f[:] = 0.0
             add_force(work.H, slope[k, g], hoop[k, g], volume[k, g], f)
             done = 0.0
-            for i in range(8):
+            for i in range(size):
                 done += y[i] * f[i]
-            for a in range(4):
+            for a in range(n):
                 by_pressure[cells[e, a]] -= shape[g, a] * done

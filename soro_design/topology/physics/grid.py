@@ -1,7 +1,7 @@
-"""Regular grids of rectangles, and the integrals that all their elements share.
+"""Regular grids of rectangles and boxes, and the integrals that all their elements share.
 
-Elements of a section are all alike; those of a ring are alike in each column. So every integral is computed
-once for a kind of element: one kind in plane strain, one for each column about an axis.
+Elements of a section, and those of a box, are all alike; those of a ring are alike in each column. So every integral is computed
+once for a kind of element: one kind in plane strain and in space, one for each column about an axis.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import numpy as np
 from scipy.sparse import csc_matrix
 
 from soro_core.arrays import Array, Flags, Integers
-from soro_core.errors import ModelError
 from soro_design.fem import Mesh
 from soro_design.fem.elements.mesh import Space
 from soro_design.fem.elements.pattern import Pattern, make_pattern
@@ -33,7 +32,7 @@ class Evaluation:
         Its derivative by the densities.
     motion_m : float
         Of the output [m], NaN without one.
-    u : ndarray, (n, 2)
+    u : ndarray, (n, d)
         Displacements [m].
     pressure : ndarray, (n,)
         Of the nodes [Pa].
@@ -51,33 +50,33 @@ class Evaluation:
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """A rectangle divided into equal quad4; make one with `make_grid`.
+    """A rectangle divided into equal quad4, or a box into equal hex8; make one with `make_grid`.
 
     Attributes
     ----------
     mesh : Mesh
-        Element i of column k has number i + counts[1] k, nodes likewise.
+        Elements and nodes are numbered along the last direction first: i + counts[1] k in column k.
     counts : tuple of int
-        Elements along x and y.
+        Elements along each direction.
     edge_m : tuple of float
-        Lengths of an element along x and y [m].
+        Lengths of an element along each direction [m].
     kind : ndarray of int, (e,)
         Kind of each element.
-    shape : ndarray, (g, 4)
+    shape : ndarray, (g, a)
         Shape functions at the points of integration.
-    slope : ndarray, (kinds, g, 4, 2)
-    hoop : ndarray, (kinds, g, 4)
+    slope : ndarray, (kinds, g, a, d)
+    hoop : ndarray, (kinds, g, a)
     volume : ndarray, (kinds, g)
         Those of `soro_design.fem.elements.solid.tables`.
-    diffusion, mass : ndarray, (kinds, 4, 4)
+    diffusion, mass : ndarray, (kinds, a, a)
         int dN_a/dX . dN_b/dX dV [m] and int N_a N_b dV [m3].
     scalars, vectors : Pattern
-        Of matrices of one and two numbers a node.
+        Of matrices of one number a node, and of one for each direction.
     """
 
     mesh: Mesh
-    counts: tuple[int, int]
-    edge_m: tuple[float, float]
+    counts: tuple[int, ...]
+    edge_m: tuple[float, ...]
     kind: Integers
     shape: Array
     slope: Array
@@ -90,7 +89,7 @@ class Grid:
 
     @property
     def centres(self) -> Array:
-        """Middles of the elements, (e, 2) [m]."""
+        """Middles of the elements, (e, d) [m]."""
         return np.asarray(self.mesh.points[self.mesh.cells].mean(axis=1))
 
     @property
@@ -99,13 +98,18 @@ class Grid:
         return np.asarray(self.volume.sum(axis=1)[self.kind])
 
     def gathered(self, of_cells: Array) -> Array:
-        """Return the sums at the nodes (n,) of what elements give to theirs (e, 4)."""
+        """Return the sums at the nodes (n,) of what elements give to theirs (e, a)."""
         given = np.bincount(self.mesh.cells.ravel(), of_cells.ravel(), len(self.mesh.points))
         return np.asarray(given, dtype=float)
 
     def as_rows(self, values: Array) -> Array:
-        """Return values of elements (e,) as an array (y, x)."""
-        return np.asarray(values).reshape(self.counts).T
+        """Return values of elements (e,) as an array (y, x), those of a box at its side z = 0."""
+        return np.asarray(values).reshape((*self.counts, 1))[:, :, 0].reshape(self.counts[:2]).T
+
+
+def place_text(place_m: Array) -> str:
+    """Return a place (d,) in words."""
+    return f"({', '.join(f'{1e3 * x:.4g}' for x in place_m)}) mm"
 
 
 def assembled(pattern: Pattern, of_cells: Array) -> Any:
@@ -134,21 +138,19 @@ def between_free(pattern: Pattern, is_held: Flags) -> tuple[Integers, Integers, 
     return np.flatnonzero(is_free), kept, csc_matrix((np.zeros(len(kept)), rows, start), shape=(n, n))
 
 
-def make_grid(space: Space, size_m: tuple[float, float], counts: tuple[int, int]) -> Grid:
-    """Return the grid of a rectangle with a corner at the origin.
+def make_grid(space: Space, size_m: tuple[float, ...], counts: tuple[int, ...]) -> Grid:
+    """Return the grid of a rectangle or box with a corner at the origin.
 
     Parameters
     ----------
     space : str
-        plane_strain or axisymmetric, about x = 0.
+        plane_strain, axisymmetric, about x = 0, or solid.
     size_m : tuple of float
-        Lengths along x and y [m].
+        Lengths along x, y and, of a solid, z [m].
     counts : tuple of int
-        Elements along x and y.
+        Elements along each of them.
     """
-    if space == "solid":
-        raise ModelError("space solid; allowed: plane_strain or axisymmetric", "space")
-    mesh = block("quad4", space, counts, size_m)
+    mesh = block("hex8" if space == "solid" else "quad4", space, counts, size_m)
     is_ring = space == "axisymmetric"
     kind = (
         np.repeat(np.arange(counts[0]), counts[1]) if is_ring else np.zeros(len(mesh.cells), dtype=np.int64)
@@ -157,6 +159,6 @@ def make_grid(space: Space, size_m: tuple[float, float], counts: tuple[int, int]
     shape = mesh.element.shape
     diffusion = np.einsum("eg,egad,egbd->eab", volume, slope, slope)
     mass = np.einsum("eg,ga,gb->eab", volume, shape, shape)
-    edge = (size_m[0] / counts[0], size_m[1] / counts[1])
-    scalars, vectors = (make_pattern(mesh.cells, len(mesh.points), d) for d in (1, 2))
+    edge = tuple(size / count for size, count in zip(size_m, counts, strict=True))
+    scalars, vectors = (make_pattern(mesh.cells, len(mesh.points), d) for d in (1, len(counts)))
     return Grid(mesh, counts, edge, kind, shape, slope, hoop, volume, diffusion, mass, scalars, vectors)

@@ -15,7 +15,7 @@ from soro_design.fem.solve.linear import factorised
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.energy import Elements, assemble, sensitivities
 from soro_design.topology.physics.filter import interpolation
-from soro_design.topology.physics.grid import Evaluation, Grid, between_free
+from soro_design.topology.physics.grid import Evaluation, Grid, between_free, place_text
 
 _NONE = np.empty(0)
 # Unbalanced force over that of the air; most iterations, halvings of one, and the least step of the pressure.
@@ -30,7 +30,7 @@ class PartAtRest:
 
     Attributes
     ----------
-    u : ndarray, (n, 2)
+    u : ndarray, (n, d)
         Displacements [m].
     stored : float
         Energy of the material [J].
@@ -58,15 +58,15 @@ class Stroke:
         How densities let air through.
     held : ndarray, (n,)
         Given pressures as a share of that of the inlet, else NaN.
-    is_held : ndarray of bool, (n, 2)
+    is_held : ndarray of bool, (n, d)
         Directions in which nodes do not move.
     material : Hyperelastic or SaintVenant
         Of solid.
     void_stiffness : float
         Stiffness of void over that of solid.
-    output : ndarray, (n, 2)
+    output : ndarray, (n, d)
         Weights of the displacements whose sum is that of the output; of a patch, never of a node.
-    spring : ndarray, (n, 2)
+    spring : ndarray, (n, d)
         Springs to the ground [N/m].
     exponent : float
         m in -u_out / SE^m.
@@ -96,20 +96,22 @@ class Stroke:
         """What the kernels read; small strains have the stiffness of the undeformed solid."""
         grid, n = self.grid, len(self.grid.volume)
         # An element of each kind, without a neighbour.
-        cells = np.arange(4 * n, dtype=np.int64).reshape(n, 4)
-        position = np.arange(64 * n, dtype=np.int64).reshape(n, 8, 8)
+        nodes, d = grid.slope.shape[2:]
+        size = nodes * d
+        cells = np.arange(nodes * n, dtype=np.int64).reshape(n, nodes)
+        position = np.arange(size * size * n, dtype=np.int64).reshape(n, size, size)
         is_averaged = isinstance(self.material, Hyperelastic)
         tables = (grid.slope, grid.hoop, grid.volume, grid.shape)
-        alone = Elements(self.material.law, is_averaged, cells, np.arange(n), *tables, np.zeros((n, 8, 8)))
-        data, zero, one = np.zeros(64 * n), np.zeros((4 * n, 2)), np.ones(n)
+        alone = Elements(self.material.law, is_averaged, cells, np.arange(n), *tables, np.zeros_like(position, float))
+        data, zero, one = np.zeros(position.size), np.zeros((nodes * n, d)), np.ones(n)
         assemble(alone, (one, one), zero[:, 0].copy(), zero, zero.copy(), (position, data))
-        small = data.reshape(n, 8, 8)
+        small = data.reshape(position.shape)
         return alone._replace(cells=grid.mesh.cells, kind=grid.kind, small=small)
 
     def balance(
         self, kappa: Array, gamma: Array, pressure: Array, u: Array, with_stiffness: bool = True
     ) -> tuple[float, float, int, Array, Array]:
-        """Return stored energy, potential, -1 or a bad element, unbalanced forces (n, 2) and stiffness.
+        """Return stored energy, potential, -1 or a bad element, unbalanced forces (n, d) and stiffness.
 
         Parameters
         ----------
@@ -117,7 +119,7 @@ class Stroke:
             Of (T7).
         pressure : ndarray, (n,)
             Of the nodes [Pa].
-        u : ndarray, (n, 2)
+        u : ndarray, (n, d)
             Displacements [m].
         with_stiffness : bool
             Whether to compute entries of the stiffness between free displacements.
@@ -148,7 +150,7 @@ class Stroke:
             Exponent of the stiffness.
         pressure : ndarray, (n,)
             Of the nodes [Pa].
-        guess : ndarray, (n, 2)
+        guess : ndarray, (n, d)
             Displacements to begin with [m].
 
         Raises
@@ -183,7 +185,7 @@ class Stroke:
         size = float(np.linalg.norm(force))
         for _ in range(ROUNDS):
             self._matrix.data = data
-            solver = factorised(self._matrix)
+            solver = factorised(self._matrix, is_solid=self.grid.mesh.space == "solid")
             if solver is None:
                 return None, "the stiffness is singular"
             if size <= TOLERANCE * scale:
@@ -203,8 +205,7 @@ class Stroke:
         return None, f"the residual is {size / scale:.1e} after {ROUNDS} iterations"
 
     def _inversion(self, e: int) -> str:
-        x, y = 1e3 * self.grid.centres[e]
-        return f"the solid at ({x:.4g}, {y:.4g}) mm turns inside out"
+        return f"the solid at {place_text(self.grid.centres[e])} turns inside out"
 
     def evaluate(self, density: Array, penalty: float, pressure_pa: float, guess: Array) -> Evaluation:
         """Return -u_out / SE^m with its gradient, (T9).
@@ -217,7 +218,7 @@ class Stroke:
             Exponent of the stiffness.
         pressure_pa : float
             Of the inlet.
-        guess : ndarray, (n, 2)
+        guess : ndarray, (n, d)
             Displacements to begin with [m].
 
         Raises

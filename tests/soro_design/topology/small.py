@@ -1,4 +1,4 @@
-"""A small task for tests: a bellow of 24 x 12 elements."""
+"""Small tasks for tests: a bellow of 24 x 12 elements, and the eighth of a box that air is to lengthen."""
 
 from soro_core.config import config_folder, read_yaml
 from soro_design.topology import task_from_dict
@@ -14,3 +14,11 @@ def bellow(**changes):
         is_part = isinstance(value, dict) and "kind" not in value
         data[key] = {**data[key], **value} if is_part else value
     return task_from_dict(data)
+
+
+def box(**changes):
+    """Return the shipped bellow in space on a coarse grid; other keys replace some of it."""
+    data = read_yaml(config_folder() / "design" / "box.yaml")
+    data |= {"cells": [6, 5, 6], "filter_radius_m": 0.003}
+    data["schedule"] |= {"iterations": 3, "ramp": 2, "pressure_pa": [5e2, 1e3], "sharpness": [2.0]}
+    return task_from_dict(data | changes)

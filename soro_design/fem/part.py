@@ -22,6 +22,8 @@ from soro_design.fem.loads import Loads
 from soro_design.fem.rim import check_closed
 
 _NO_DATA = np.empty(0)
+# Kinds that have one volume ratio where the material allows it (docs/adr/0078-tetrahedra.md).
+AVERAGED = ("quad4", "hex8", "tet10")
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +67,7 @@ class Part:
     loads : Loads
         At load factor 1.
     is_averaged : bool
-        Whether each element has one volume ratio, which keeps quad4 and hex8 from locking.
+        Whether each element has one volume ratio, which keeps quad4, hex8 and tet10 from locking.
     pattern : Pattern
         Of the stiffness.
     slope, hoop, volume : ndarray, (e, g, a, d), (e, g, a) and (e, g)
@@ -201,7 +203,8 @@ def make_part(
     loads : Loads
         At load factor 1.
     is_averaged : bool, optional
-        Whether each element has one volume ratio; by default quad4 and hex8 of a hyperelastic material do.
+        Whether each element has one volume ratio; by default quad4, hex8 and tet10 of a
+        hyperelastic material do.
     contact : Contact, optional
         How its surfaces keep off each other and obstacles; needs the extra `design`.
 
@@ -215,7 +218,7 @@ def make_part(
     """
     can_average = isinstance(material, Hyperelastic)
     if is_averaged is None:
-        is_averaged = can_average and mesh.kind in ("quad4", "hex8")
+        is_averaged = can_average and mesh.kind in AVERAGED
     if is_averaged and not can_average:
         raise ModelError("is_averaged of St. Venant-Kirchhoff; allowed: of a hyperelastic law", "is_averaged")
     pattern = make_pattern(mesh.cells, *mesh.points.shape)

@@ -28,7 +28,7 @@ def run(
     ] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Go on with the run in that folder.")] = False,
 ) -> None:
-    """Distribute material in a rectangle so that air moves an output as far as it can (docs/design.md).
+    """Distribute material so that air moves an output as far as it can (docs/design.md).
 
     Prints each iteration, and keeps it: Ctrl-C loses the one under way alone, --resume goes on. The folder
     gets task.yaml, state.npz, iterations.csv, film.gif and design.png, also of a run that stops early, as far
@@ -112,8 +112,8 @@ def export(
 ) -> None:
     """Write a part as a solid: the final one of a run, with its mirror images, or that of a part file.
 
-    A run becomes an STL file by --extrude or --revolve. A part file (config/parts) becomes a STEP file of
-    its exact dimensions, or the STL file of its mesh.
+    A run becomes an STL file, of a section by --extrude or --revolve. A part file (config/parts) becomes a
+    STEP file of its exact dimensions, or the STL file of its mesh.
     """
     from soro_design.commands.export_part import export_part, write_surface
 
@@ -130,27 +130,24 @@ def export(
         raise ConfigError("soro design export", "--step", source, "a part file; --stl is for a run")
     if stl is None:
         raise ConfigError("soro design export", "--stl", None, "a file to write, of a run")
-    if (extrude is not None) == revolve:
-        found = "both" if revolve else "neither"
-        raise ConfigError("soro design export", "--extrude", found, "one of --extrude HEIGHT and --revolve")
+    if extrude is not None and revolve:
+        raise ConfigError("soro design export", "--extrude", "--revolve too", "one of them")
     if extrude is not None and not 0.0 < extrude < float("inf"):
         raise ConfigError("soro design export", "--extrude", extrude, "a height above 0")
-    from soro_design.fem import extruded, revolved
     from soro_design.topology import shape
-    from soro_design.topology.section import mirrored
+    from soro_design.topology.section import final_surface
 
     domain, state = _loaded(Path(source))
-    if revolve != (domain.task.space == "axisymmetric"):
-        allowed = "--revolve of a task about an axis, --extrude HEIGHT of one in plane strain"
-        option = "--revolve" if revolve else "--extrude"
-        raise ConfigError("soro design export", option, f"a task in {domain.task.space}", allowed)
+    space = domain.task.space
+    option = "--revolve" if revolve else "--extrude" if extrude is not None else ""
+    if option != {"axisymmetric": "--revolve", "plane_strain": "--extrude", "solid": ""}[space]:
+        allowed = "--extrude HEIGHT of one in plane strain, --revolve about an axis, neither of a solid"
+        raise ConfigError("soro design export", option or "--extrude", f"a task in {space}", allowed)
     _tell_unfinished(domain, state)
     part = shape(domain, state)
     if part.leak:
         raise ModelError(f"no part to export: {part.leak}", "leak")
-    axes = tuple(axis for axis in domain.task.mirrors if not (revolve and axis == "x"))
-    section = mirrored(part.mesh, axes, "axisymmetric" if revolve else "plane_strain")
-    write_surface(stl, *(revolved(section, pieces) if extrude is None else extruded(section, extrude)))
+    write_surface(stl, *final_surface(domain.task, part.mesh, extrude or 0.0, pieces))
 
 
 _HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>6} {'residual':>8} {'kPa':>7}"
@@ -243,8 +240,9 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
 def _numbers(
     domain: Domain, state: OptimiserState, found: FinalPart, moved: Reanalysis | None
 ) -> list[tuple[str, str]]:
+    from soro_design.topology.physics.grid import place_text
+
     row = state.rows[-1]
-    x, y = 1e3 * found.wall_at
     share = found.volume_m3 / domain.grid.volumes.sum()
     rows = [
         ("goal, first and last", f"{state.rows[0].objective:.5g}, {row.objective:.5g}"),
@@ -252,7 +250,7 @@ def _numbers(
         ("greyness", f"{row.greyness:.3f}"),
         ("leak", found.leak or "none"),
         ("closed void, nodes", f"{int(found.air.is_closed.sum())}"),
-        ("thinnest wall", f"{1e3 * found.wall_m:.3f} mm at ({x:.2f}, {y:.2f}) mm"),
+        ("thinnest wall", f"{1e3 * found.wall_m:.3f} mm at {place_text(found.wall_at)}"),
     ]
     if moved is None:
         return rows

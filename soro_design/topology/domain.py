@@ -227,7 +227,9 @@ def held_nodes(task: Task, points: Array, near: float) -> Flags:
 
 def size_text(task: Task) -> str:
     """Return the size of the grid in words."""
-    return " and ".join(f"0 to {size:g} m along {axis}" for axis, size in zip("xyz", task.size_m, strict=False))
+    return " and ".join(
+        f"0 to {size:g} m along {axis}" for axis, size in zip("xyz", task.size_m, strict=False)
+    )
 
 
 def patch(mesh: Mesh, is_there: Flags, along: Array) -> Array:
@@ -249,22 +251,25 @@ def patch(mesh: Mesh, is_there: Flags, along: Array) -> Array:
     """
     faces = mesh.faces_at(np.asarray(is_there))
     weight = np.zeros(len(mesh.points))
-    np.add.at(weight, faces, np.linalg.norm(normals(mesh.points, faces), axis=1)[:, None])
+    # Of a triangle of six nodes the mean is that of the middles of its edges.
+    counted = faces[:, 3:] if faces.shape[1] == 6 else faces
+    np.add.at(weight, counted, np.linalg.norm(normals(mesh.points, faces), axis=1)[:, None])
     return np.asarray((weight / weight.sum())[:, None] * along / np.linalg.norm(along))
 
 
 def normals(points: Array, faces: Integers) -> Array:
-    """Return the outward normals (f, d) of faces (f, 2) of a section or (f, 4) of a solid, as long as these.
+    """Return the outward normals (f, d) of flat faces (f, m), as long as these are long or large.
 
     Parameters
     ----------
     points : ndarray, (n, d)
         Corners [m].
-    faces : ndarray of int, (f, 2 or 4)
-        Turned outwards.
+    faces : ndarray of int, (f, 2, 4 or 6)
+        Lines, quadrilaterals or triangles with middles, turned outwards.
     """
     ends = points[faces]
     if faces.shape[1] == 2:
         along = ends[:, 1] - ends[:, 0]
         return np.stack([along[:, 1], -along[:, 0]], axis=1)
-    return np.asarray(0.5 * np.cross(ends[:, 2] - ends[:, 0], ends[:, 3] - ends[:, 1]))
+    last = 0 if faces.shape[1] == 6 else 3
+    return np.asarray(0.5 * np.cross(ends[:, 2] - ends[:, 0], ends[:, last] - ends[:, 1]))

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from soro_core.arrays import Array, Flags, Integers
 from soro_design.fem import Mesh
-from soro_design.topology.domain import Domain
+from soro_design.topology.domain import Domain, normals
 from soro_design.topology.shape import Contour, grid_edges, is_bridged
 
 
@@ -38,8 +38,9 @@ def flood(domain: Domain, cut: Contour) -> Flood:
     """Return what is wet of a part with a contour."""
     cells, is_void = domain.grid.mesh.cells, cut.level < 0.0
     edges = [grid_edges(domain.grid)]
-    # Air passes between two void corners across a cell, unless solid joins the other two.
-    for a, b in ((0, 2), (1, 3)):
+    # Air passes between two void corners across a cell, unless solid joins the other two. Tetrahedra leave
+    # no such doubt.
+    for a, b in ((0, 2), (1, 3)) if len(domain.grid.counts) == 2 else ():
         edges.append(cells[~is_bridged(cut.level, cells)][:, [a, b]])
     pairs = np.concatenate(edges)
     a, b = pairs[is_void[pairs].all(axis=1)].T
@@ -70,8 +71,8 @@ def wet_faces(domain: Domain, cut: Contour, found: Flood, mesh: Mesh) -> tuple[I
     grid = domain.grid
     faces = mesh.boundary()
     ends = mesh.points[faces]
-    along = ends[:, 1] - ends[:, 0]
-    outwards = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.hypot(*along.T)[:, None]
+    normal = normals(mesh.points, faces)
+    outwards = normal / np.linalg.norm(normal, axis=1)[:, None]
     size = grid.mesh.points.max(axis=0)
     near = 1e-9 * size
     is_border = (np.abs(ends) < near).all(axis=1) | (np.abs(ends - size) < near).all(axis=1)
@@ -86,18 +87,24 @@ def wet_faces(domain: Domain, cut: Contour, found: Flood, mesh: Mesh) -> tuple[I
 
 
 def thinnest_wall(mesh: Mesh, wet: Integers, outer: Integers) -> tuple[float, Array]:
-    """Return the least distance [m] from a wet to an open face, and where it is (2,) [m]; inf without any.
+    """Return the least distance [m] from a wet to an open face, and where it is (d,) [m]; inf without any.
+
+    Of a solid it is that between nodes, the middles of edges with them.
 
     Parameters
     ----------
     mesh : Mesh
         Of the solid.
-    wet, outer : ndarray of int, (f, 2)
+    wet, outer : ndarray of int, (f, m)
         Its faces.
     """
+    best, place = np.inf, np.full(mesh.points.shape[1], np.nan)
     if len(wet) == 0 or len(outer) == 0:
-        return np.inf, np.full(2, np.nan)
-    best, place = np.inf, np.full(2, np.nan)
+        return best, place
+    if mesh.space == "solid":
+        ends = mesh.points[np.unique(wet)]
+        gap = cKDTree(mesh.points[np.unique(outer)]).query(ends)[0]
+        return float(gap.min()), np.asarray(ends[int(gap.argmin())])
     # Of two segments that do not cross one end is nearest; ends against segments, both ways.
     for some, others in ((wet, outer), (outer, wet)):
         ends = mesh.points[np.unique(some)]

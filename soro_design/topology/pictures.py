@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from PIL import Image
 
 from soro_core.arrays import Array
@@ -21,7 +22,7 @@ FRAME_MS, LAST_MS = 120, 2000
 
 
 def whole(domain: Domain, values: Array) -> Array:
-    """Return values of elements (e,) as rows from the top, with the mirror images."""
+    """Return values of elements (e,) as rows from the top, with the mirror images; of a box at z = 0."""
     rows = domain.grid.as_rows(values)
     if "x" in domain.task.mirrors:
         rows = np.hstack([rows[:, ::-1], rows])
@@ -74,17 +75,21 @@ def picture(
         PNG to write.
     """
     figure = Figure(figsize=(13.0, 7.0), layout="constrained")
-    top, bottom = figure.subplots(2, 3)
-    x, y = (1e3 * side for side in domain.task.size_m)
+    is_solid = domain.task.space == "solid"
+    top = [figure.add_subplot(2, 3, k) for k in (1, 2, 3)]
+    kind = {"projection": "3d"} if is_solid else {}
+    bottom = [figure.add_subplot(2, 3, k, **kind) for k in (4, 5, 6)]
+    x, y = (1e3 * side for side in domain.task.size_m[:2])
     extent = (0.0, x, 0.0, y)
     rows = domain.grid.as_rows(state.density)
     top[0].imshow(rows, origin="lower", extent=extent, cmap="gray_r", vmin=0.0, vmax=1.0)
-    top[0].set_title("density")
-    counts = domain.grid.counts
-    air = 1e-3 * state.pressure.reshape(counts[0] + 1, counts[1] + 1).T
+    where = ", at z = 0" if is_solid else ""
+    top[0].set_title(f"density{where}")
+    counts = [count + 1 for count in domain.grid.counts]
+    air = 1e-3 * state.pressure.reshape(*counts[:2], -1)[:, :, 0].T
     shown = top[1].imshow(air, origin="lower", extent=extent, cmap="viridis")
     figure.colorbar(shown, ax=top[1], label="kPa", shrink=0.7)
-    top[1].set_title("pressure")
+    top[1].set_title(f"pressure{where}")
     iterations = [row.iteration for row in state.rows]
     top[2].plot(iterations, [row.objective / abs(state.rows[-1].objective) for row in state.rows])
     top[2].set(title="goal, of the last", xlabel="iteration")
@@ -101,10 +106,26 @@ def picture(
             axes.axis("off")
             continue
         axes.set_title(title)
-        _part(axes, found, u)
+        _solid(axes, domain, found, u) if is_solid else _part(axes, found, u)
     for axes in (top[0], top[1], *bottom):
         axes.set(xlabel="x [mm]", ylabel="y [mm]", aspect="equal")
     figure.savefig(path, dpi=90)
+
+
+def _solid(axes: Any, domain: Domain, found: FinalPart, u: Array | float) -> None:
+    """Draw the faces of a solid, seen from its planes of symmetry: what is inside is open to the view."""
+    mesh = found.mesh
+    kinds = ((found.wet, "tab:red"), (found.outer, "tab:blue"), (mesh.boundary(), "0.75"))
+    at = 1e3 * (mesh.points + u)
+    drawn: set[tuple[int, ...]] = set()
+    for faces, colour in kinds:
+        rest = [face for face in faces[:, :3].tolist() if tuple(sorted(face)) not in drawn]
+        drawn |= {tuple(sorted(face)) for face in rest}
+        shown = Poly3DCollection(list(at[np.array(rest, dtype=int).reshape(-1, 3)]), shade=True, color=colour)
+        axes.add_collection3d(shown)
+    low, high = np.zeros(3), 1.4e3 * np.array(domain.task.size_m)
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), zlabel="z [mm]")
+    axes.view_init(elev=-25.0, azim=-120.0)
 
 
 def _part(axes: Any, found: FinalPart, u: Array | float) -> None:

@@ -1,8 +1,8 @@
 """The part that a design means: the mesh of its solid, cut along the contour of the densities.
 
-Nodes near the contour move onto it, so that no cut is close to a corner. The rest of each cell is a polygon
-of three to six corners; lines from its centre to the middles of its edges divide it into as many quad4, which
-fit those of the next cell.
+Nodes near the contour move onto it, so that no cut is close to a corner. The rest of each cell of a section
+is a polygon of three to six corners; lines from its centre to the middles of its edges divide it into as many
+quad4, which fit those of the next cell. Of a solid see `soro_design.topology.tetrahedra`.
 """
 
 from __future__ import annotations
@@ -12,15 +12,24 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Mesh, make_mesh
 from soro_design.topology.domain import Domain
 from soro_design.topology.physics.grid import Grid
+from soro_design.topology.tetrahedra import cut_tetrahedra, edges_of, tetrahedra, turned, with_middles
 
 # A node whose edge is cut nearer than this share of the edge moves onto the contour.
 SNAP = 0.25
+_EDGES = ((0, 1), (1, 2), (2, 3), (3, 0))
+# Corners of the faces of an element.
+_SIDES = {
+    "plane_strain": _EDGES,
+    "axisymmetric": _EDGES,
+    "solid": ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3)),
+}
 
 
 @dataclass(frozen=True, eq=False)
@@ -29,7 +38,7 @@ class Contour:
 
     Attributes
     ----------
-    points : ndarray, (n, 2)
+    points : ndarray, (n, d)
         Nodes, some of them moved onto the contour [m].
     level : ndarray, (n,)
         Positive in the solid, negative in the void, 0 on the contour.
@@ -44,7 +53,9 @@ def contour(domain: Domain, filtered: Array) -> Contour:
     grid = domain.grid
     density = np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, filtered))
     # Mean of the elements about a node.
-    total, count = (grid.gathered(np.repeat(one, 4)) for one in (density, np.ones_like(density)))
+    total, count = (
+        grid.gathered(np.repeat(one, grid.mesh.cells.shape[1])) for one in (density, np.ones_like(density))
+    )
     return snapped(grid, total / count - domain.task.schedule.threshold)
 
 
@@ -70,7 +81,9 @@ def snapped(grid: Grid, level: Array) -> Contour:
 
 
 def grid_edges(grid: Grid) -> Integers:
-    """Return the edges (m, 2) of a grid by their nodes."""
+    """Return the edges (m, 2) of a grid by their nodes, of one in space those of its tetrahedra."""
+    if len(grid.counts) == 3:
+        return edges_of(tetrahedra(grid))
     number = np.arange(len(grid.mesh.points)).reshape(grid.counts[0] + 1, grid.counts[1] + 1)
     pairs = ((number[:-1], number[1:]), (number[:, :-1], number[:, 1:]))
     return np.concatenate([np.stack([a.ravel(), b.ravel()], axis=1) for a, b in pairs])
@@ -92,6 +105,9 @@ def solid_mesh(domain: Domain, cut: Contour) -> Mesh:
         If there is none.
     """
     grid = domain.grid
+    if domain.task.space == "solid":
+        corners, tets = cut_tetrahedra(tetrahedra(grid), cut.points, cut.level)
+        return _wanted(domain, corners, turned(corners, tets))
     points: list[Array] = []
     numbers: dict[tuple[int, ...], int] = {}
 
@@ -114,9 +130,7 @@ def solid_mesh(domain: Domain, cut: Contour) -> Mesh:
                 low, high = sorted((polygon[k], polygon[(k + 1) % n]))
                 middle.append(number((*low, *high), 0.5 * (places[k] + places[(k + 1) % n])))
             quads += [[corner[k], middle[k], centre, middle[k - 1]] for k in range(n)]
-    if not quads:
-        raise ModelError("the design holds no solid", "density")
-    return _wanted(domain, np.array(points), np.array(quads))
+    return _wanted(domain, np.array(points), np.array(quads, dtype=np.int64).reshape(-1, 4))
 
 
 def _polygons(cut: Contour, cell: Integers, is_bridged: bool) -> list[list[tuple[int, ...]]]:
@@ -146,19 +160,23 @@ def _place(cut: Contour, key: tuple[int, ...]) -> Array:
     return np.asarray(cut.points[a] + share * (cut.points[b] - cut.points[a]))
 
 
-def _wanted(domain: Domain, points: Array, quads: Integers) -> Mesh:
-    """The elements that share edges with those at the output, or at what is held."""
-    edges = np.sort(np.stack([quads, np.roll(quads, -1, axis=1)], axis=2).reshape(-1, 2), axis=1)
-    _, of_edge = np.unique(edges, axis=0, return_inverse=True)
-    owner = np.repeat(np.arange(len(quads)), 4)
-    to_edges = coo_matrix((np.ones(len(owner)), (owner, of_edge.ravel()))).tocsr()
-    _, label = connected_components(to_edges @ to_edges.T, directed=False)
+def _wanted(domain: Domain, points: Array, cells: Integers) -> Mesh:
+    """The quad4 or tetrahedra that share faces with those at the output, or at what is held."""
+    if len(cells) == 0:
+        raise ModelError("the design holds no solid", "density")
+    corners = np.array(_SIDES[domain.task.space])
+    faces = np.sort(cells[:, corners].reshape(-1, corners.shape[1]), axis=1)
+    _, of_face = np.unique(faces, axis=0, return_inverse=True)
+    owner = np.repeat(np.arange(len(cells)), 4)
+    to_faces = coo_matrix((np.ones(len(owner)), (owner, of_face.ravel()))).tocsr()
+    _, label = connected_components(to_faces @ to_faces.T, directed=False)
     marks = domain.output.any(axis=1) if domain.output.any() else domain.is_held.any(axis=1)
-    near = domain.grid.mesh.points[marks]
-    gap = np.abs(points[:, None, :] - near[None]).max(axis=2).min(axis=1)
-    is_there = (gap < 0.5 * min(domain.grid.edge_m))[quads].any(axis=1)
+    gap = cKDTree(domain.grid.mesh.points[marks]).query(points, p=np.inf)[0]
+    is_there = (gap < 0.5 * min(domain.grid.edge_m))[cells].any(axis=1)
     if not is_there.any():
         raise ModelError("the design holds no solid at the output", "goal.output")
-    kept = quads[np.isin(label, np.unique(label[is_there]))]
-    used, cells = np.unique(kept, return_inverse=True)
-    return make_mesh("quad4", domain.task.space, points[used], cells.reshape(kept.shape))
+    used, numbers = np.unique(cells[np.isin(label, np.unique(label[is_there]))], return_inverse=True)
+    kept, found = numbers.reshape(-1, 4), points[used]
+    if domain.task.space == "solid":
+        return make_mesh("tet10", "solid", *with_middles(found, kept))
+    return make_mesh("quad4", domain.task.space, found, kept)

@@ -84,7 +84,9 @@ class Farthest(Strict):
     direction: Annotated[Vector, Field(description="wanted; its length plays no part")]
     spring_pa: Annotated[
         float,
-        Field(ge=0.0, description="[N/m2] spring per thickness; of a ring or solid that of the whole, in N/m"),
+        Field(
+            ge=0.0, description="[N/m2] spring per thickness; of a ring or solid that of the whole, in N/m"
+        ),
     ]
     energy_exponent: Annotated[
         float, Field(ge=0.0, le=1.0, description="m: the greater, the stiffer the part")
@@ -216,7 +218,8 @@ class Task(Strict):
 
     def _regions(self) -> Iterator[Region]:
         yield from (self.inlet, *self.open, *self.solid, *self.void)
-        yield from (one.where for one in (*self.held, *self.start))
+        yield from (one.where for one in self.held)
+        yield from (one.where for one in self.start)
         if isinstance(self.goal, Farthest):
             yield self.goal.output
 

@@ -94,8 +94,8 @@ def assemble(
     """Add forces (n, d) and stiffness; return the energies of material and air, and -1 or a bad element.
 
     `scale` has kappa and gamma (e,) of the elements; pressure (n,) is that of the nodes; `into`: position
-    (e, a d, a d) says where in `data` the stiffness goes. Without `data` there is none. A bad element has J <= 0
-    in its solid.
+    (e, a d, a d) says where in `data` the stiffness goes. Without `data` there is none. A bad element has
+    J <= 0 in its solid.
     """
     law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
     kappa, gamma = scale

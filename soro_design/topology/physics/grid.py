@@ -1,7 +1,7 @@
 """Regular grids of rectangles and boxes, and the integrals that all their elements share.
 
-Elements of a section, and those of a box, are all alike; those of a ring are alike in each column. So every integral is computed
-once for a kind of element: one kind in plane strain and in space, one for each column about an axis.
+Elements of a section or a box are all alike; those of a ring are alike in each column. So every integral is
+computed once for a kind of element: one kind, or about an axis one for each column.
 """
 
 from __future__ import annotations

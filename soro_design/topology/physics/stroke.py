@@ -102,7 +102,9 @@ class Stroke:
         position = np.arange(size * size * n, dtype=np.int64).reshape(n, size, size)
         is_averaged = isinstance(self.material, Hyperelastic)
         tables = (grid.slope, grid.hoop, grid.volume, grid.shape)
-        alone = Elements(self.material.law, is_averaged, cells, np.arange(n), *tables, np.zeros_like(position, float))
+        alone = Elements(
+            self.material.law, is_averaged, cells, np.arange(n), *tables, np.zeros_like(position, float)
+        )
         data, zero, one = np.zeros(position.size), np.zeros((nodes * n, d)), np.ones(n)
         assemble(alone, (one, one), zero[:, 0].copy(), zero, zero.copy(), (position, data))
         small = data.reshape(position.shape)

@@ -95,6 +95,7 @@ def test_what_does_not_belong_to_a_part_is_refused_and_an_unfinished_one_is_told
     turned = soro("export", "small_design", "--stl", "part.stl", "--revolve").exception
     assert isinstance(turned, ConfigError)
     assert (turned.key, turned.got) == ("--revolve", "a task in plane_strain")
+    assert soro("export", "small_design", "--stl", "part.stl").exception.key == "--extrude"
     unfinished = soro("export", "small_design", "--stl", "part.stl", "--extrude", "4")
     assert "1 of 14 iterations" in unfinished.output
 
@@ -123,7 +124,7 @@ def test_the_folder_of_a_run_needs_no_other_file_and_a_failed_run_is_drawn(soro,
     [
         (["run", "nothing"], ""),
         (["run", "small.yaml", "--resume"], ""),
-        (["export", ".", "--stl", "part.stl"], "--extrude"),
+        (["export", ".", "--stl", "part.stl"], ""),
         (["export", ".", "--stl", "part.stl", "--extrude", "4", "--revolve"], "--extrude"),
         (["export", ".", "--stl", "part.stl", "--extrude", "-4"], "--extrude"),
         (["export", ".", "--stl", "part.obj", "--revolve"], "--stl"),

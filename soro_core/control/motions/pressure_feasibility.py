@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -16,6 +16,7 @@ from soro_core.control.pressures.allocation import Allocation, balanced_weight
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.model import SoftArm
 from soro_core.planning.motion_error import MotionError
+from soro_core.planning.steps import Planning
 from soro_core.robot.coordinates import StrainFields
 
 # A force counts as made if less is missing, each strain's force expressed as a pressure [Pa].
@@ -158,9 +159,7 @@ def pressure_deficit(supply: PressureSupply, q: Array) -> PressureDeficit | None
     )
 
 
-def rates(
-    supply: PressureSupply, part: MotionSegment, dt: float, share: float
-) -> Generator[None, None, Rates]:
+def rates(supply: PressureSupply, part: MotionSegment, dt: float, share: float) -> Planning[Rates]:
     """Find the set points along a part, in steps of one sample each.
 
     Parameters
@@ -173,11 +172,6 @@ def rates(
         Period of the set points [s].
     share : float
         Part of the allowed rates that the motion may take; the feedback has the rest.
-
-    Yields
-    ------
-    None
-        After each sample.
 
     Returns
     -------
@@ -217,7 +211,7 @@ def rates(
     return Rates(float(part_of[k, chamber]), int(chamber), float(ticks[k]), float(np.max(beyond)), short)
 
 
-def _commands(supply: PressureSupply, wish_pa: Array, dt: float) -> Generator[None, None, Array]:
+def _commands(supply: PressureSupply, wish_pa: Array, dt: float) -> Planning[Array]:
     """Find the set points (n, n_u) that make the pressures follow `wish_pa` through the lag."""
     pressures = supply.setpoints.pressures
     if pressures.lag_s <= 0.0:
@@ -268,9 +262,7 @@ def _stiffness(supply: PressureSupply, q: Array, pressure_pa: Array) -> Array:
     return np.stack(rows, axis=1)
 
 
-def nearest_held(
-    supply: PressureSupply, limit: Array, q: Array, position: Array
-) -> Generator[None, None, Array | None]:
+def nearest_held(supply: PressureSupply, limit: Array, q: Array, position: Array) -> Planning[Array | None]:
     """Find the coordinates that pressures hold at rest with the tip nearest to a position.
 
     Gauss-Newton on the pressures: at each step the arm rests under them.

@@ -67,7 +67,6 @@ class Run:
         loop: LoopNodes | None = None,
         forks: ForkServer | None = None,
     ) -> None:
-        self._forks = forks
         self.scene, self.folder, self._report, self._interrupted = scene, folder, report, interrupted
         self._loop = loop or control_loop(scene)
         self.bag = folder / "bag"
@@ -115,7 +114,7 @@ class Run:
         SoroError
             If a process ends or a node reports an error.
         """
-        scene, forks = self.scene, self._forks
+        scene, forks = self.scene, self.processes.forks
         self.check()
         if forks is not None:
             supervisor.wait("fork server", forks.has_answered, self.check, START_LIMIT_S)
@@ -142,8 +141,8 @@ class Run:
         if scene.markers:
             nodes |= {f"{arm.prefix}markers": arm.markers_node() for arm in scene.each}
         supervisor.look()
-        if forks is not None and is_warmed:
-            self.processes.wait(supervisor, "kernels", forks.has_answered, len(nodes))
+        if is_warmed:
+            self.processes.wait_for_kernels(supervisor, len(nodes))
         self.processes.start_nodes(supervisor, nodes)
         if self.scene.platforms:
             # Last, when no node compiles any more: its deadlines start with its first exchange.

@@ -22,17 +22,8 @@ START_LIMIT_S = 180.0
 _END_LIMITS_S = {"regulator": 10.0, "recorder": 10.0}
 _END_LIMIT_S = 5.0
 # Order of the end: first the node that drives the valves, last the recorder and the valves themselves.
-END_ORDER = (
-    "regulator",
-    "exciter",
-    "controller",
-    "estimator",
-    "shadow",
-    "twin",
-    "markers",
-    "recorder",
-    "valves",
-)
+_LOOP, _BESIDE = ("regulator", "exciter", "controller", "estimator"), ("shadow", "twin", "markers")
+END_ORDER = (*_LOOP, *_BESIDE, "recorder", "valves")
 
 
 class RunProcesses:
@@ -61,6 +52,8 @@ class RunProcesses:
     ) -> None:
         self._scene, self._folder, self._report, self._check = scene, folder, report, check
         self._starter: Any = forks or processes
+        self.forks = forks
+        """Starts the processes; without it each is a Python of its own."""
         self._progress: StartProgress | None = None
         self.nodes: list[str] = []
         """Names of the nodes that have been started."""
@@ -122,9 +115,14 @@ class RunProcesses:
                 "on a busy machine run it again: compiled kernels are kept"
             )
 
-        self.wait(supervisor, "answer of all nodes", lambda: not missing(), advice=advice)
+        self._wait(supervisor, "answer of all nodes", lambda: not missing(), advice=advice)
 
-    def wait(
+    def wait_for_kernels(self, supervisor: RunMonitor, to_come: int) -> None:
+        """Wait until the fork server has warmed the kernels of so many nodes."""
+        if self.forks is not None:
+            self._wait(supervisor, "kernels", self.forks.has_answered, to_come)
+
+    def _wait(
         self,
         supervisor: RunMonitor,
         what: str,

@@ -31,15 +31,9 @@ class RunProcesses:
 
     Parameters
     ----------
-    scene : Scene
-    folder : Path
-        Folder of the run: parameters, logs.
-    report : callable
-        Function that shows one line of progress.
+    scene, folder, report, forks : as in `compose.Run`
     check : callable
         Raises what ends the start.
-    forks : ForkServer, optional
-        Starts the processes; without it each is a Python of its own.
     """
 
     def __init__(
@@ -53,7 +47,7 @@ class RunProcesses:
         self._scene, self._folder, self._report, self._check = scene, folder, report, check
         self._starter: Any = forks or processes
         self.forks = forks
-        """Starts the processes; without it each is a Python of its own."""
+        """Starts the processes, if there is one."""
         self._progress: StartProgress | None = None
         self.nodes: list[str] = []
         """Names of the nodes that have been started."""

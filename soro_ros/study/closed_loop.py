@@ -68,13 +68,7 @@ def twin_of(scene: Scene, plant: Robot | None = None) -> Twin:
 def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
     """Run the loop of a scene in lockstep; a command passes the limiter a tick after what it answers.
 
-    A probe comes before the time of the scene, as in real time.
-
-    Parameters
-    ----------
-    scene : Scene
-    plant : Robot, optional
-        The true robot, in place of what the scene says.
+    A probe comes before the time of the scene, as in real time. Its parameters as in `twin_of`.
 
     Raises
     ------

@@ -210,16 +210,6 @@ def read(
     rate_hz: float,
     say: Callable[[str], None] = lambda line: None,
 ) -> list[Moment]:
-    """Read a bag, see `moments`.
-
-    Parameters
-    ----------
-    bag : Path
-    namespace : str
-        Of the arm's nodes; empty: of the only arm.
-    shape : callable or None
-    rate_hz : float
-    say : callable
-    """
+    """Read a bag, with an empty namespace that of its only arm; other parameters as in `moments`."""
     with BagReader(bag) as reader:
         return moments(reader, namespace_of(reader, namespace), shape, rate_hz, say)

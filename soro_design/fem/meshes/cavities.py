@@ -18,7 +18,7 @@ from soro_design.fem.meshes.surface import edges_of, pieces
 # Of a face, over the square root of its area: how far into the air the point is that has to lie in an STL.
 _INTO_AIR = 0.1
 # Faces times triangles that are looked at together.
-_TOGETHER = 2_000_000
+_TOGETHER = 300_000
 
 
 @dataclass(frozen=True, eq=False)

@@ -237,7 +237,7 @@ def _by_netgen(reader: Any, path: str | Path, largest_m: float, unit_m: float, a
         raise ModelError(f"path {path}: {line}; allowed: {allowed}", "path") from None
     cells = np.array([[node.nr - 1 for node in cell.vertices] for cell in found.Elements3D()], dtype=np.int64)
     if len(cells) == 0:
-        raise ModelError(f"path {path}: no solid; allowed: {allowed}", "path")
+        raise ModelError(f"path {path}: no mesh of a solid by netgen; allowed: {allowed}", "path")
     return _file(unit_m * np.asarray(found.Coordinates()), cells, "tetra", "solid", {}).mesh
 
 

@@ -1,4 +1,7 @@
-"""The folder of a run: a VTU file and a row of a table for each state, written as they come."""
+"""The folder of a run: a VTU file and a row of a table for each state, written as they come.
+
+A .pvd file has the states of a sweep as a series.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_design.fem import EquilibriumState, LoadSolution
-from soro_design.fem.meshes.vtu import write_vtu
+from soro_design.fem.meshes.vtu import write_pvd, write_vtu
 from soro_design.fem.stress import strained
 from soro_design.parts.file import LoadSweep, PartFile
 from soro_design.parts.mesh_specimen import MeshSpecimen
@@ -53,8 +56,8 @@ class SweepFolder:
         self.shapes[sweep.name] = state.u
         if state.load not in sweep.loads:
             return
-        number = sweep.loads.index(state.load) + 1
-        self._write_shape(f"{sweep.name}_{number:02d}", state.u)
+        names = {load: f"{sweep.name}_{k + 1:02d}" for k, load in enumerate(sweep.loads)}
+        self._write_shape(names[state.load], state.u)
         pressures = sweep.pressures_pa or (0.0,) * self.specimen.chambers
         row: dict[str, Any] = {"sweep": sweep.name, "load": state.load}
         row |= {f"pressure_{c}_pa": state.load * p for c, p in enumerate(pressures)}
@@ -68,6 +71,8 @@ class SweepFolder:
         row |= {f"tension_{c}_n": state.load * t for c, t in enumerate(tensions)}
         row |= self.specimen.measured(state) | {"energy_j": state.energy}
         self.rows.append(row)
+        loads = [one["load"] for one in self.rows if one["sweep"] == sweep.name]
+        write_pvd(self.folder / f"{sweep.name}.pvd", {load: f"{names[load]}.vtu" for load in loads})
         with (self.folder / TABLE).open("w", newline="", encoding="utf-8") as stream:
             writer = csv.DictWriter(stream, list(row), restval="", lineterminator="\n")
             writer.writeheader()

@@ -18,10 +18,10 @@ from soro_design.fem.elements.response import BULK, add_volume_curvature, cofact
 
 
 class ElementLaw(NamedTuple):
-    """Numbers of a material, and whether an element has one volume ratio, the mean of J."""
+    """Numbers of a material, and the share of its bulk modulus that acts on the mean of J, from 0 to 1."""
 
     law: Array
-    is_averaged: bool
+    shared: float
 
 
 class ElementShape(NamedTuple):
@@ -159,7 +159,8 @@ def respond_element(
     of: ElementLaw, shape: ElementShape, u: Array, with_stiffness: bool, work: ElementWork
 ) -> float:
     """work.force, .stiffness <- those of an element at u (a, d); return its energy, NaN if J <= 0."""
-    law, is_averaged = of
+    law, shared = of
+    is_averaged = shared > 0.0
     slope, hoop, volume = shape
     F, H, P, A, by_volume = work.F, work.H, work.P, work.A, work.by_volume
     f, K = work.force, work.stiffness
@@ -178,9 +179,9 @@ def respond_element(
             add_force(H, slope[g], hoop[g], volume[g], by_volume)
     bulk, mean_stress = law[BULK], 0.0
     if is_averaged:
-        mean_stress = bulk * (deformed / total - 1.0)
+        mean_stress = shared * bulk * (deformed / total - 1.0)
         energy += 0.5 * total * mean_stress * (deformed / total - 1.0)
-        bulk = 0.0
+        bulk -= shared * bulk
     for g in range(volume.shape[0]):
         fill_gradient(u, slope[g], hoop[g], F)
         cofactor(F, H)
@@ -197,13 +198,13 @@ def respond_element(
         for i in range(f.shape[0]):
             for j in range(i + 1):
                 # Of two numbers of one node the stiffness above the diagonal is there too.
-                K[i, j] += law[BULK] / total * by_volume[i] * by_volume[j]
+                K[i, j] += shared * law[BULK] / total * by_volume[i] * by_volume[j]
     return energy
 
 
 @kernel
 def assemble(
-    law: tuple[Array, bool],
+    law: tuple[Array, float],
     cells: Integers,
     shapes: tuple[Array, Array, Array],
     u: Array,

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from soro_core.config import name_argument
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, SoroError
 from soro_design.commands.fem import Cluster, Jobs
 
 
@@ -29,7 +29,9 @@ def identify_fem(
     ] = 0,
     accept: Annotated[
         float,
-        typer.Option(min=0.0, help="Greatest error of a held-out tip, in % of the length; above it, exit 1."),
+        typer.Option(
+            min=0.0, help="Greatest error of a held-out tip and of the mesh, in % of the length; above, exit 1."
+        ),
     ] = 4.0,
     report: Annotated[
         Path | None, typer.Option(help="Folder for a page with pictures and numbers.", show_default=False)
@@ -41,11 +43,12 @@ def identify_fem(
     jobs: Jobs = 1,
     dask: Cluster = "",
 ) -> None:
-    """Find the numbers of a link that moves like a part under the sweeps of its file; write a robot file.
+    """Find the numbers of a link that moves like a part; write its robot file, and a scene in which it moves.
 
     Forces come first, because pressures alone give only the ratio of stiffness to area; then all states are
     fitted together. Held-out sweeps judge the result. Creep stays to be measured, and damping where the part
-    file has no viscosity. Exit status: 0 found and accepted; 1 not accepted, the file is written; 2 wrong
+    file has no viscosity. A robot that is accepted gets NAME_platform.yaml and NAME_scene.yaml beside it:
+    `soro run NAME_scene.yaml`. Exit status: 0 found and accepted; 1 not accepted, the file is written; 2 wrong
     use, nothing is written; 130 after Ctrl-C, the states that are done are kept. See docs/parts.md.
     """
     from rich.console import Console
@@ -56,6 +59,7 @@ def identify_fem(
     from soro_design.parts.folder import SweepFolder, load_backbones
     from soro_design.parts.specimen import RodSpecimen, make_specimen
     from soro_design.robot_of_part.report import content_of, write_report
+    from soro_design.robot_of_part.scene import beside, write_scene
     from soro_design.robot_of_part.snapshots import check_sweeps, snapshots
     from soro_design.robot_of_part.stages import identify
     from soro_design.robot_of_part.written import number_table, quality, write_robot
@@ -65,7 +69,7 @@ def identify_fem(
         raise ConfigError(name, "--out", str(out), "a name that ends with .yaml")
     if not out.parent.is_dir():
         raise ConfigError(name, "--out", str(out), "a file in a folder that exists")
-    for option, path in (("--out", out), ("--report", report)):
+    for option, path in (*(("--out", one) for one in (out, *beside(out))), ("--report", report)):
         if path is not None and path.exists() and not force:
             raise ConfigError(name, option, str(path), "what does not exist, or --force")
     file = load_part(part)
@@ -101,9 +105,21 @@ def identify_fem(
     if report is not None:
         written.append(write_report(content, found, report))
     typer.echo("\n".join([*quality(found), "", *number_table(found)]))
+    refused, (_, scene) = content["refusal"], beside(out)
+    if not refused:
+        try:
+            files, warnings = write_scene(found, out)
+        except SoroError as error:
+            console.print(f"no scene: {error}", highlight=False, markup=False, soft_wrap=True)
+        else:
+            written += files
+            for line in warnings:
+                console.print(line, highlight=False, markup=False, soft_wrap=True)
     typer.echo(f"written: {', '.join(map(str, written))}")
+    if scene in written:
+        typer.echo(f"run it on the twin: soro run {scene}")
     if found.is_interrupted:
         raise typer.Exit(130)
-    if content["refusal"]:
-        typer.echo(f"not accepted: {content['refusal']}", err=True)
+    if refused:
+        typer.echo(f"not accepted: {refused}", err=True)
         raise typer.Exit(1)

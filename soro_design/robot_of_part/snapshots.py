@@ -54,6 +54,10 @@ class Snapshots:
         found = section_strains(state.poses, self.z)
         return np.asarray(_SIGNS * found[:, _ROWS] - _STRAIGHT)
 
+    def motion(self, state: Backbone) -> float:
+        """Return how far the tip is from where it is undeformed [m]."""
+        return float(np.linalg.norm(state.poses[-1][:3, 3] - [0.0, 0.0, self.z[-1]]))
+
     def mean(self, state: Backbone) -> Array:
         """Return the means (3,) of these strains along the rod."""
         return np.asarray(np.diff(self.z) @ self.strains(state) / self.length)

@@ -51,13 +51,16 @@ def identify_fem(
     `soro run NAME_scene.yaml`. Exit status: 0 found and accepted; 1 not accepted, the file is written; 2 wrong
     use, nothing is written; 130 after Ctrl-C, the states that are done are kept. See docs/parts.md.
     """
+    from dataclasses import replace
+
     from rich.console import Console
 
     from soro_core.jobs import executor_of
     from soro_design.commands.fem import follow_all, prepare
     from soro_design.parts.file import load_part
-    from soro_design.parts.folder import SweepFolder, load_backbones
+    from soro_design.parts.folder import SweepFolder, greatest_stretch, load_backbones
     from soro_design.parts.specimen import RodSpecimen, make_specimen
+    from soro_design.parts.strength import strength_lines
     from soro_design.robot_of_part.report import content_of, write_report
     from soro_design.robot_of_part.scene import beside, write_scene
     from soro_design.robot_of_part.snapshots import check_sweeps, snapshots
@@ -80,8 +83,8 @@ def identify_fem(
         raise ConfigError(part, "contact", "surfaces that touch", "none: a link touches nothing")
     check_sweeps(file.sweeps, part)
     console = Console(stderr=True)
+    folder = out.with_name(f"{out.stem}_fem") if run is None else run
     if run is None:
-        folder = out.with_name(f"{out.stem}_fem")
         with executor_of(jobs, dask) as executor:
             prepare(folder, file, force, name)
             kept = SweepFolder(folder, specimen)
@@ -92,7 +95,7 @@ def identify_fem(
             console.print(f"fitted up to where {', '.join(stopped)} stopped", highlight=False, markup=False)
         z, states = specimen.z, kept.backbones
     else:
-        z, states = load_backbones(run, file)
+        z, states = load_backbones(folder, file)
     data = snapshots(z, states, part)
     with console.status("") as shown:
         try:
@@ -100,6 +103,8 @@ def identify_fem(
         except KeyboardInterrupt:
             console.print("interrupted; the states are kept", highlight=False)
             raise typer.Exit(130) from None
+    strength = strength_lines(specimen.part.material, *greatest_stretch(folder))
+    found = replace(found, strength=tuple(strength))
     written = write_robot(found, file.name, out)
     content = content_of(found, file.name, out.name, 0.01 * accept)
     if report is not None:

@@ -57,6 +57,7 @@ def content_of(found: PartIdentification, source: str, file: str, accept: float)
         },
         "at_bound": at_bound(found.start, found.values),
         "modes": [[vars(one) for one in pair] for pair in found.kept],
+        "strength": list(found.strength),
         "mesh": None if mesh is None else {**vars(mesh), "error": mesh.error, "of_motion": mesh.of_motion},
     }
 

@@ -85,6 +85,8 @@ class PartIdentification:
         What constant strains, one mode, two modes ... keep of the fitted and of the held-out states.
     mesh : MeshCheck or None
         None where it was left out.
+    strength : tuple of str
+        Lines on what the part asks of its material.
     """
 
     data: Snapshots
@@ -98,6 +100,7 @@ class PartIdentification:
     constant: list[TipError] | None
     kept: tuple[tuple[Kept, Kept], ...]
     mesh: MeshCheck | None
+    strength: tuple[str, ...] = ()
 
     @property
     def values(self) -> Mapping[str, float]:

@@ -132,7 +132,7 @@ def robot_text(found: PartIdentification, source: str, out: Path) -> str:
 
 
 def quality(found: PartIdentification) -> list[str]:
-    """Return one line each on errors, on the mesh, on modes and on numbers that stop at a bound."""
+    """Return one line each on errors, on the mesh, on stretch, on modes and on numbers that stop at a bound."""
     lines = [
         f"Tip against finite elements, in % of {of}: {_errors(found.fitted, key)} fitted,"
         f" {_errors(found.held_out, key)} held out."
@@ -145,6 +145,7 @@ def quality(found: PartIdentification) -> list[str]:
             f" {100.0 * mesh.difference:.2g} % of the length off, which leaves an error of some"
             f" {100.0 * mesh.error:.2g} % of the length, {100.0 * mesh.of_motion:.2g} % of the motion."
         )
+    lines += found.strength
     lines.append(kept_verdict(found.kept))
     if found.constant is not None and found.samples is not None:
         n = next(iter(found.samples.values())).shape[1]

@@ -29,9 +29,9 @@ def true_robot(robot: Robot, config: TwinConfig) -> Robot:
     """Return the true robot at the begin: refined, loaded, and different from its file as configured."""
     robot = described_plant(robot, config)
     stiffness = config.stiffness_scale * LEFT_BY_1000 ** (1e-3 * config.cycles)
-    real = robot.scaled(
-        stiffness=stiffness, damping=config.damping_scale, gain=config.gain_scale
-    ).refine(config.refine)
+    real = robot.scaled(stiffness=stiffness, damping=config.damping_scale, gain=config.gain_scale).refine(
+        config.refine
+    )
     return real.replace(tip_mass=robot.tip_mass + config.payload_kg)
 
 

@@ -30,7 +30,8 @@ def identify_fem(
     accept: Annotated[
         float,
         typer.Option(
-            min=0.0, help="Greatest error of a held-out tip and of the mesh, in % of the length; above, exit 1."
+            min=0.0,
+            help="Greatest error of a held-out tip and of the mesh, in % of the length; above, exit 1.",
         ),
     ] = 4.0,
     report: Annotated[
@@ -48,8 +49,8 @@ def identify_fem(
     Forces come first, because pressures alone give only the ratio of stiffness to area; then all states are
     fitted together. Held-out sweeps judge the result. Creep stays to be measured, and damping where the part
     file has no viscosity. A robot that is accepted gets NAME_platform.yaml and NAME_scene.yaml beside it:
-    `soro run NAME_scene.yaml`. Exit status: 0 found and accepted; 1 not accepted, the file is written; 2 wrong
-    use, nothing is written; 130 after Ctrl-C, the states that are done are kept. See docs/parts.md.
+    `soro run NAME_scene.yaml`. Exit status: 0 found and accepted; 1 not accepted, the file is written; 2
+    wrong use, nothing is written; 130 after Ctrl-C, the states that are done are kept. See docs/parts.md.
     """
     from dataclasses import replace
 
@@ -104,7 +105,8 @@ def identify_fem(
             console.print("interrupted; the states are kept", highlight=False)
             raise typer.Exit(130) from None
     strength = strength_lines(specimen.part.material, *greatest_stretch(folder))
-    found = replace(found, strength=tuple(strength))
+    is_held = any(tendon.stiffness_n for tendon in file.tendons)
+    found = replace(found, strength=tuple(strength), has_stiff_tendon=is_held)
     written = write_robot(found, file.name, out)
     content = content_of(found, file.name, out.name, 0.01 * accept)
     if report is not None:

@@ -19,14 +19,14 @@ def strength_lines(material: Material, sweep: str, stretch: float) -> list[str]:
     """
     if not stretch:
         return ["Stretch: not known, the folder of states has none; `soro fem run --force` computes it."]
-    line = f"Greatest stretch of an element: {stretch:.3g}, sweep {sweep}"
+    line = f"Greatest stretch of an element: {stretch:.3g} in sweep {sweep}"
     known = material.strength
     if known is None:
         return [f"{line}; the file of {material.name} has no limit and no test of cycles."]
     share = (stretch - 1.0) / (known.break_stretch - 1.0)
     limit = f"{material.name} breaks at {known.break_stretch:g} in one pull ({known.source})"
-    verdict = "beyond it" if share >= 1.0 else f"{100.0 * share:.2g} % of that elongation"
-    return [f"{line}, {verdict}: {limit}.", _cycles(material.name, known, stretch)]
+    asked = f"beyond that: {100.0 * share:.0f}" if share >= 1.0 else f"{100.0 * share:.2g}"
+    return [f"{line}; {limit}; {asked} % of its elongation.", _cycles(material.name, known, stretch)]
 
 
 def _cycles(name: str, known: Strength, stretch: float) -> str:

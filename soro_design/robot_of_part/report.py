@@ -38,7 +38,9 @@ def content_of(found: PartIdentification, source: str, file: str, accept: float)
     sweeps: list[dict[str, Any]] = []
     for error in (*found.fitted, *found.held_out):
         if not sweeps or sweeps[-1]["sweep"] != error.state.sweep:
-            sweeps.append({"sweep": error.state.sweep, "held_out": error.state.held_out, "shares": [], "of_motion": []})
+            sweeps.append(
+                {"sweep": error.state.sweep, "held_out": error.state.held_out, "shares": [], "of_motion": []}
+            )
         sweeps[-1]["shares"].append(error.share)
         sweeps[-1]["of_motion"].append(error.of_motion)
     mesh = found.mesh
@@ -131,7 +133,9 @@ def _sweeps(content: dict[str, Any]) -> Table:
         rows.append([sweep["sweep"], "yes" if sweep["held_out"] else "", *shown])
     for kind, title in (("fitted", "mean and greatest, fitted"), ("held_out", "mean and greatest, held out")):
         own = content["errors"][kind]
-        shown = [number(own[key], f"errors.{kind}.{key}", 100.0) for key in ("mean", "most", "most_of_motion")]
+        shown = [
+            number(own[key], f"errors.{kind}.{key}", 100.0) for key in ("mean", "most", "most_of_motion")
+        ]
         rows.append([title, "yes" if kind == "held_out" else "", *shown])
     head = ["#at half load, %", "#at full load, %", "#of the motion at full load, %"]
     return Table(["sweep", "held out", *head], rows)

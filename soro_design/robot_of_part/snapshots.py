@@ -91,7 +91,7 @@ def check_sweeps(sweeps: Sequence[LoadSweep], where: str) -> None:
     """Refuse sweeps that do not suffice before they are computed; errors as in `snapshots`."""
     for sweep in sweeps:
         if any(sweep.tensions_n):
-            allowed = "pressures or forces: a link has no tendon"
+            allowed = "none: `soro identify-fem` gives a robot chambers alone; leave sweeps of tendons out"
             raise ConfigError(where, f"sweeps.{sweep.name}.tensions_n", list(sweep.tensions_n), allowed)
     kinds = [_kind(s.name, np.array(s.pressures_pa), np.array(s.force_n), s.held_out, where) for s in sweeps]
     _require(kinds, [sweep.name for sweep in sweeps], where)

@@ -87,6 +87,8 @@ class PartIdentification:
         None where it was left out.
     strength : tuple of str
         Lines on what the part asks of its material.
+    has_stiff_tendon : bool
+        Whether a tendon of the part is fixed along it.
     """
 
     data: Snapshots
@@ -101,6 +103,7 @@ class PartIdentification:
     kept: tuple[tuple[Kept, Kept], ...]
     mesh: MeshCheck | None
     strength: tuple[str, ...] = ()
+    has_stiff_tendon: bool = False
 
     @property
     def values(self) -> Mapping[str, float]:

@@ -17,6 +17,9 @@ from soro_design.robot_of_part.stages import PartIdentification
 
 # How many times less two modes shall miss than constant strain.
 ASKED = 3.0
+# Greatest error of a held-out tip over its motion: beyond it the link does not move like the part, however
+# short its ways are.
+OF_MOTION = 0.3
 # Below this share, missed by constant strain, the strain of a part is uniform.
 UNIFORM = 0.02
 
@@ -132,7 +135,7 @@ def robot_text(found: PartIdentification, source: str, out: Path) -> str:
 
 
 def quality(found: PartIdentification) -> list[str]:
-    """Return one line each on errors, on the mesh, on stretch, on modes and on numbers that stop at a bound."""
+    """Return the lines on errors, mesh, stretch, modes, and on numbers that stop at a bound."""
     lines = [
         f"Tip against finite elements, in % of {of}: {_errors(found.fitted, key)} fitted,"
         f" {_errors(found.held_out, key)} held out."
@@ -171,6 +174,10 @@ def refusal(found: PartIdentification, accept: float) -> str:
     by_mesh = found.mesh.error if found.mesh is not None else 0.0
     if mean_and_most(found.held_out)[1] + by_mesh > accept:
         return f"{greatest(found)}; allowed together: {100.0 * accept:g} % of the length"
+    if mean_and_most(found.held_out, "of_motion")[1] > OF_MOTION:
+        one_sided = "; a tendon with stiffness_n on one side bends it, for which a link has no law"
+        why = one_sided if found.has_stiff_tendon else ""
+        return f"{greatest(found)}; allowed: {100.0 * OF_MOTION:g} % of its motion{why}"
     stuck = [name for name in at_bound(found.start, found.values) if name not in GIVEN]
     if stuck:
         return (

@@ -105,9 +105,9 @@ def platform_tree(arm: Setting, name: str) -> dict[str, Any]:
 def platform_header(arm: Setting, name: str) -> str:
     """Return the comment at the top of the platform file."""
     return (
-        f"Regulators of {arm.name}, written by `{arm.command}` after the shipped {name}.yaml, which says more.\n"
-        "`soro run` emulates them unless the scene or --valves says real. What each number means stands "
-        "beside it; those under regulator are assumptions: soro fit pressures finds them."
+        f"Regulators of {arm.name}, written by `{arm.command}` after the shipped {name}.yaml, which says"
+        " more.\n`soro run` emulates them unless the scene or --valves says real. What each number means "
+        "stands beside it; those under regulator are assumptions: soro fit pressures finds them."
     )
 
 

@@ -115,7 +115,9 @@ def _twin(robot: Robot) -> dict[str, Any]:
     try:
         robot.refine(parts.value)
     except ConfigError:
-        parts = Noted(1, "links of the simulated arm for each of the model: modes from a file are not divided")
+        parts = Noted(
+            1, "links of the simulated arm for each of the model: modes from a file are not divided"
+        )
     return {
         "refine": parts,
         "payload_kg": Noted(0.0, "kg, load at the tip that the controller does not know and has to learn"),

@@ -1,1 +1,1 @@
-"""How an arm changes from run to run: the error of its model, its stiffness, what was learned, their trend."""
+"""How an arm changes from run to run: error of its model, stiffness, learned numbers, their trend."""

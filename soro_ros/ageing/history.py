@@ -1,4 +1,4 @@
-"""The runs of an arm in their order: what each folder has of its model error, stiffness and learned numbers."""
+"""The runs of an arm in their order, each with its model error, stiffness and learned numbers."""
 
 from __future__ import annotations
 

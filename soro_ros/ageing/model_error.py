@@ -77,7 +77,9 @@ def model_error(recording: RunRecording, scene: Scene) -> ModelError | None:
     except SoroError:
         return None
     away, by_stiffness = recording.true_tip.at(t) - model, (model - softer) / _CHANGE
-    parts = [_least(*pair) for pair in zip(*(np.array_split(x, PARTS) for x in (away, by_stiffness)), strict=True)]
+    parts = [
+        _least(*pair) for pair in zip(*(np.array_split(x, PARTS) for x in (away, by_stiffness)), strict=True)
+    ]
     return ModelError(
         rms_m=float(np.sqrt(np.mean(np.sum(away**2, axis=1)))),
         stiffness=1.0 + _least(away, by_stiffness),

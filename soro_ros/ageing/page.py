@@ -86,7 +86,12 @@ def _numbers(content: dict[str, Any], found: Ageing) -> Iterator[Block]:
     for k, one in enumerate(content["trends"]):
         cells = [
             number(one[key], f"trends.{k}.{key}", digits=digits)
-            for key, digits in (("value", 4), ("value_deviation", 2), ("per_day", 2), ("per_day_deviation", 2))
+            for key, digits in (
+                ("value", 4),
+                ("value_deviation", 2),
+                ("per_day", 2),
+                ("per_day_deviation", 2),
+            )
         ]
         rows.append([one["name"], *cells, "yes" if found.trends[k].is_told else ""])
     yield Table(["number", "#last value", "#± ", "#a day", "#± ", "trend"], rows)
@@ -114,7 +119,9 @@ def model_picture(found: Ageing) -> Image:
     with mpl.rc_context(style()):
         figure = Figure(figsize=(WIDTH, 3.0), layout="constrained")
         left, right = figure.subplots(1, 2)
-        own = [(day, 1e3 * run.error.rms_m) for run, day in zip(found.runs, found.days, strict=True) if run.error]
+        own = [
+            (day, 1e3 * run.error.rms_m) for run, day in zip(found.runs, found.days, strict=True) if run.error
+        ]
         left.plot(*np.array(own).reshape(-1, 2).T, "o", ms=3, color=MEASURED)
         left.axhline(1e3 * AGAIN * found.new_m, ls="--", color=PREDICTED)
         left.set_ylim(bottom=0.0)

@@ -148,7 +148,8 @@ def lines(found: Ageing) -> list[str]:
         text.append(f"{quiet} learned numbers have no trend beyond {TOLD:g} deviations")
     if found.since is not None:
         text.append(
-            f"identify again: since {found.since.folder.name} the error is above {AGAIN:g} times that when new"
+            f"identify again: since {found.since.folder.name} the error is above {AGAIN:g} times that when"
+            " new"
         )
     return text
 

@@ -28,8 +28,8 @@ def log(
     """Print what tripped an arm, who reset it, changed parameters, and how its runs say that it ages.
 
     Each line has the time in UTC, the node, the event, and its cause or values. The file is one of this user
-    and this machine, and keeps the last 1 to 2 MB of all arms. Below them, of the runs judged good or poor: the
-    error of the model under the measured pressures, the stiffness with which it would be least, learned
+    and this machine, and keeps the last 1 to 2 MB of all arms. Below them, of the runs judged good or poor:
+    the error of the model under the measured pressures, the stiffness with which it would be least, learned
     numbers that change with time, and "identify again" from 1.3 times the error when new. Exit status 2
     where there is no line and no run of ARM.
     """
@@ -47,7 +47,9 @@ def log(
     events = [entry for entry in entries if entry.arm == wanted]
     with Console(stderr=True).status("") as shown:
         name = wanted[1:]
-        found = since_identified(runs_of(name, runs, lambda run: shown.update(f"reads {run}"))) if name else []
+        found = (
+            since_identified(runs_of(name, runs, lambda run: shown.update(f"reads {run}"))) if name else []
+        )
     if not events and not found:
         known = ", ".join(sorted({entry.arm for entry in entries}))
         where = f"{event_log.files()[-1]}; no run in {runs}"

@@ -25,8 +25,8 @@ def material(**strength):
 def test_the_limit_and_the_cycles_are_named():
     stretch, cycles = strength_lines(material(fatigue=TESTS), "one", 2.5)
     assert stretch == (
-        "Greatest stretch of an element: 2.5, sweep one, 38 % of that elongation: rubber breaks at 5 in one pull"
-        " (sheet)."
+        "Greatest stretch of an element: 2.5 in sweep one; rubber breaks at 5 in one pull (sheet); 38 % of"
+        " its elongation."
     )
     # The test at 2 is gentler than the part.
     assert cycles == "Cycles: at least 2e+03, as a test at stretch 3 has (paper B)."
@@ -38,7 +38,7 @@ def test_what_is_not_known_is_said():
     assert "no published test." in strength_lines(material(), "one", 1.5)[1]
     (line,) = strength_lines(material_from_dict(RUBBER), "one", 1.5)
     assert "no limit and no test" in line
-    assert "beyond it" in strength_lines(material(), "one", 5.5)[0]
+    assert "beyond that: 112 %" in strength_lines(material(), "one", 5.5)[0]
     assert "not known" in strength_lines(material(), "", 0.0)[0]
 
 
@@ -69,4 +69,4 @@ def test_a_run_names_the_stretch_of_its_tube(tmp_path):
     inside = 1.0 + float(last["radius_change_m"]) / 0.0078
     assert inside > 1.05
     assert float(last["greatest_stretch"]) == pytest.approx(inside, rel=0.02)
-    assert f"element: {float(last['greatest_stretch']):.3g}, sweep blown" in done.output
+    assert f"element: {float(last['greatest_stretch']):.3g} in sweep blown" in done.output

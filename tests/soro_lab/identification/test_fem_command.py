@@ -70,6 +70,8 @@ def test_a_part_becomes_a_robot_file_that_moves_like_it(made):
     assert 0.0 < float(fitted) < 1.0
     assert 0.0 < float(held_out) < 1.0
     assert "Mesh: " in done.output
+    # What it asks of its material stands in the file too.
+    assert re.search(r"# Greatest stretch of an element: 1\.\d+ in sweep (all|one|pull); ", out.read_text())
 
 
 @pytest.mark.slow
@@ -107,7 +109,7 @@ def test_errors_are_told_over_the_motion_too(made):
 @pytest.mark.slow
 def test_the_mesh_counts_in_the_verdict(made, tmp_path):
     """A limit between the error of the link and that with the mesh."""
-    folder, part, out, _ = made
+    folder, part, _, _ = made
     content = json.loads((folder / "report" / "report.json").read_text(encoding="utf-8"))
     limit = 100.0 * (content["errors"]["held_out"]["most"] + 0.5 * content["mesh"]["error"])
     call_ = ("identify-fem", part, "--run", folder / "arm_fem", "--accept", limit)

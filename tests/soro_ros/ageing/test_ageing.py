@@ -1,4 +1,4 @@
-"""An arm over its runs: the error of its model, its stiffness, trends, and when it must be identified again."""
+"""An arm over its runs: the error of its model, its stiffness, trends, when it is identified again."""
 
 import json
 from datetime import timedelta
@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
@@ -13,11 +14,13 @@ from soro_core.twin.plant import true_robot
 from soro_ros.ageing.history import RunEntry, runs_of, since_identified
 from soro_ros.ageing.model_error import FILE, ModelError, model_error
 from soro_ros.ageing.trend import AGAIN, STIFFNESS, ageing, lines, trend
-from soro_ros.cli import app
+from soro_ros.commands.log import log
 from soro_ros.study.closed_loop import run_in_process
 from tests.soro_ros.ageing.aged import BEGIN, one_run, scene_of
 
 RUNS = 30
+app = typer.Typer()
+app.command()(log)
 
 
 def entry(day, error_mm, stiffness=1.0, digest="a", **learned):
@@ -103,7 +106,7 @@ def test_thirty_runs_find_the_softening_by_3000_cycles(aged, tmp_path, monkeypat
     assert stiffness.is_told
     # Half of the runs are not enough: the arm is not called old too early.
     assert ageing(found.runs[: RUNS // 3]).since is None
-    done = CliRunner().invoke(app, ["log", "aged", "--runs", str(aged), "--report", str(tmp_path / "page")])
+    done = CliRunner().invoke(app, ["aged", "--runs", str(aged), "--report", str(tmp_path / "page")])
     assert done.exit_code == 0, done.output
     assert f"{RUNS} runs with this robot file, 2026-03-02 09:00 to 2026-03-31 09:00" in done.output
     assert f"identify again: since {found.since.folder.name}" in done.output
@@ -131,8 +134,8 @@ def test_what_is_no_run_is_left_out(tmp_path, monkeypatch):
     found = runs_of("arm", runs)
     assert [run.folder.name for run in found] == ["arm-20260301-090000-2", "arm-20260302-090000"]
     assert [run.error for run in found] == [None, None]
-    done = CliRunner().invoke(app, ["log", "arm", "--runs", str(runs)])
+    done = CliRunner().invoke(app, ["arm", "--runs", str(runs)])
     assert "error of the model: not known" in done.output
-    refused = CliRunner().invoke(app, ["log", "leg", "--runs", str(runs)])
+    refused = CliRunner().invoke(app, ["leg", "--runs", str(runs)])
     assert isinstance(refused.exception, ConfigError)
     assert f"no run in {runs}" in str(refused.exception)

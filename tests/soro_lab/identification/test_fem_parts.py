@@ -1,4 +1,4 @@
-"""Parts of two and of four chambers, tapered, with tendons: which become robots that run, and which do not."""
+"""Parts of two and four chambers, tapered, with tendons: which become robots that run, and which do not."""
 
 import copy
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 from soro_design.robot_of_part.stages import PartIdentification
-from soro_lab.scaffold import Noted, Setting, write_setting
+from soro_lab.scaffold import ArmSetting, Noted, write_setting
 
 
 def beside(out: Path) -> tuple[Path, Path]:
@@ -37,7 +37,7 @@ def write_scene(found: PartIdentification, out: Path) -> tuple[list[Path], list[
         If the robot does not fit the platform.
     """
     known, files = found.known, beside(out)
-    arm = Setting(
+    arm = ArmSetting(
         name=re.sub(r"[^a-z0-9_]", "_", out.stem.lower()),
         chambers=(known.chambers,),
         planar=len(known.strains) < 3,

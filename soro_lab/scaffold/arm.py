@@ -62,7 +62,7 @@ class NewLink:
 
 
 @dataclass(frozen=True)
-class Setting:
+class ArmSetting:
     """What the files beside a robot file say of an arm.
 
     Attributes
@@ -120,10 +120,10 @@ class NewArm:
     platform: str
 
     @property
-    def setting(self) -> Setting:
+    def setting(self) -> ArmSetting:
         """What platform and scene say of it."""
         chambers = tuple(len(link.geometry.angles) for link in self.links)
-        return Setting(self.name, chambers, self.pressure_range, self.planar, self.platform)
+        return ArmSetting(self.name, chambers, self.pressure_range, self.planar, self.platform)
 
 
 def new_arm(options: ScaffoldOptions) -> NewArm:

@@ -11,7 +11,7 @@ from typing import Any
 
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
-from soro_lab.scaffold.arm import NewArm, Setting
+from soro_lab.scaffold.arm import ArmSetting, NewArm
 from soro_lab.scaffold.options import WHERE
 from soro_lab.scaffold.platform_file import platform_header, platform_name, platform_tree
 from soro_lab.scaffold.quantity import Noted
@@ -162,13 +162,13 @@ def _write(arm: NewArm, folder: Path, names: tuple[str, ...]) -> tuple[FirstRefe
 
 
 def write_setting(
-    arm: Setting, folder: Path, names: tuple[str, ...]
+    arm: ArmSetting, folder: Path, names: tuple[str, ...]
 ) -> tuple[FirstReference, tuple[str, ...]]:
     """Write platform and scene beside a robot file, each read back.
 
     Parameters
     ----------
-    arm : Setting
+    arm : ArmSetting
     folder : Path
         Of the robot file.
     names : tuple of str

@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from soro_core.config import config_folder, find_config, read_yaml
 from soro_core.errors import ConfigError
 from soro_hardware.families import parse_platform
-from soro_lab.scaffold.arm import Setting
+from soro_lab.scaffold.arm import ArmSetting
 from soro_lab.scaffold.options import WHERE
 from soro_lab.scaffold.quantity import Noted, rounded
 
@@ -64,12 +64,12 @@ def platform_name(given: str, n_chambers: int) -> str:
     return name
 
 
-def platform_tree(arm: Setting, name: str) -> dict[str, Any]:
+def platform_tree(arm: ArmSetting, name: str) -> dict[str, Any]:
     """Return the platform file as a tree of `Noted` values.
 
     Parameters
     ----------
-    arm : Setting
+    arm : ArmSetting
     name : str
         Shipped file that it follows.
 
@@ -102,7 +102,7 @@ def platform_tree(arm: Setting, name: str) -> dict[str, Any]:
     return tree
 
 
-def platform_header(arm: Setting, name: str) -> str:
+def platform_header(arm: ArmSetting, name: str) -> str:
     """Return the comment at the top of the platform file."""
     return (
         f"Regulators of {arm.name}, written by `{arm.command}` after the shipped {name}.yaml, which says"

@@ -11,7 +11,7 @@ from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_core.safety import Limits, trips_above
 from soro_core.twin.config import SensorConfig, TwinSection
-from soro_lab.scaffold.arm import Setting
+from soro_lab.scaffold.arm import ArmSetting
 from soro_lab.scaffold.quantity import Noted, rounded
 from soro_lab.scaffold.reference import FirstReference
 
@@ -32,13 +32,13 @@ _SHOWS = {
 
 
 def scene_tree(
-    arm: Setting, robot: Robot, reference: FirstReference, names: tuple[str, str]
+    arm: ArmSetting, robot: Robot, reference: FirstReference, names: tuple[str, str]
 ) -> dict[str, Any]:
     """Return the scene file as a tree of `Noted` values.
 
     Parameters
     ----------
-    arm : Setting
+    arm : ArmSetting
     robot : Robot
         As its file says.
     reference : FirstReference
@@ -65,8 +65,17 @@ def scene_tree(
     }
 
 
-def scene_header(arm: Setting, reference: FirstReference, file: str) -> str:
-    """Return the comment at the top of the scene file."""
+def scene_header(arm: ArmSetting, reference: FirstReference, file: str) -> str:
+    """Return the comment at the top of the scene file.
+
+    Parameters
+    ----------
+    arm : ArmSetting
+    reference : FirstReference
+        Of the scene.
+    file : str
+        Name of the scene file.
+    """
     return (
         f"{arm.name} on the emulated platform, written by `{arm.command}`: {_SHOWS[reference.kind]}.\n"
         f"  soro run {file}{' --set mode=lockstep' if arm.mode != 'lockstep' else ''}     on the twin\n"
@@ -74,7 +83,7 @@ def scene_header(arm: Setting, reference: FirstReference, file: str) -> str:
     )
 
 
-def _limits(arm: Setting) -> dict[str, Noted]:
+def _limits(arm: ArmSetting) -> dict[str, Noted]:
     """Return limits for the range of pressures, in the proportions of the defaults."""
     low, high = arm.pressure_range.value
     part, default, trips = high / _RANGE, Limits(), trips_above(high)
@@ -141,7 +150,7 @@ def _sensor(sensor: SensorConfig, places: str) -> dict[str, Noted]:
     }
 
 
-def _controller(arm: Setting, reference: FirstReference, period: float) -> dict[str, Any]:
+def _controller(arm: ArmSetting, reference: FirstReference, period: float) -> dict[str, Any]:
     low, high = arm.pressure_range.value
     preferred = reference.mean_pressure_pa if reference.kind == "circle" else rounded(0.5 * (low + high))
     pressures = {

@@ -13,7 +13,7 @@ from typing import Any
 from soro_core.adaptation.kept import FILE as LEARNED
 from soro_core.adaptation.kept import load_kept
 from soro_core.errors import SoroError
-from soro_ros.ageing.model_error import FILE, ModelError, keep_model_error
+from soro_ros.ageing.model_error import FILE, ModelMismatch, keep_model_error
 
 _FOLDER = re.compile(r"(?P<arm>.+)-(?P<when>\d{8}-\d{6})(-\d+)?")
 _JUDGED = ("good", "poor")
@@ -30,7 +30,7 @@ class RunEntry:
         Of its begin, local time, as its name has it.
     word : str
         Verdict.
-    error : ModelError or None
+    error : ModelMismatch or None
         None where it cannot be known.
     digest : str
         Of the robot file and of how the model divides it; empty where nothing was learned.
@@ -41,7 +41,7 @@ class RunEntry:
     folder: Path
     when: datetime
     word: str
-    error: ModelError | None
+    error: ModelMismatch | None
     digest: str
     learned: Mapping[str, tuple[float, float]]
 
@@ -89,10 +89,12 @@ def _learned(run: Path) -> tuple[str, dict[str, tuple[float, float]]]:
     return kept.digest, {name: (pair[0], pair[1]) for name, pair in kept.numbers.items()}
 
 
-def _error(run: Path, progress: Callable[[Path], object]) -> ModelError | None:
+def _error(run: Path, progress: Callable[[Path], object]) -> ModelMismatch | None:
     if (run / FILE).is_file():
         written = _json(run / FILE)
-        return ModelError(**written) if written.keys() == ModelError.__dataclass_fields__.keys() else None
+        return (
+            ModelMismatch(**written) if written.keys() == ModelMismatch.__dataclass_fields__.keys() else None
+        )
     if not (run / "bag").is_dir():
         return None
     from soro_lab.run_folder import bag_and_scene
@@ -104,7 +106,7 @@ def _error(run: Path, progress: Callable[[Path], object]) -> ModelError | None:
         bag, scene_file = bag_and_scene(run)
         scene = load_scene(scene_file)
         return keep_model_error(run, read_run(bag, scene), scene)
-    except (SoroError, OSError):
+    except (SoroError, OSError, ModuleNotFoundError):  # damaged, or read where there is no ROS
         return None
 
 

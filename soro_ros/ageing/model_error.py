@@ -29,7 +29,7 @@ _LEAST = 10 * PARTS
 
 
 @dataclass(frozen=True)
-class ModelError:
+class ModelMismatch:
     """The model of a scene against one run.
 
     Attributes
@@ -48,7 +48,7 @@ class ModelError:
     deviation: float
 
 
-def model_error(recording: RunRecording, scene: Scene) -> ModelError | None:
+def model_error(recording: RunRecording, scene: Scene) -> ModelMismatch | None:
     """Return how far the model is from a run; None where the run is too short, or the model cannot follow.
 
     The model is that of estimator and controller, without what was learned. It is simulated from rest under
@@ -80,15 +80,23 @@ def model_error(recording: RunRecording, scene: Scene) -> ModelError | None:
     parts = [
         _least(*pair) for pair in zip(*(np.array_split(x, PARTS) for x in (away, by_stiffness)), strict=True)
     ]
-    return ModelError(
+    return ModelMismatch(
         rms_m=float(np.sqrt(np.mean(np.sum(away**2, axis=1)))),
         stiffness=1.0 + _least(away, by_stiffness),
         deviation=float(np.std(parts, ddof=1) / np.sqrt(PARTS)),
     )
 
 
-def keep_model_error(folder: Path, recording: RunRecording, scene: Scene) -> ModelError | None:
-    """Write it into the folder of a run, as {} where there is none, and return it."""
+def keep_model_error(folder: Path, recording: RunRecording, scene: Scene) -> ModelMismatch | None:
+    """Write it into the folder of a run, as {} where there is none, and return it.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the run.
+    recording : RunRecording
+    scene : Scene
+    """
     found = model_error(recording, scene)
     (folder / FILE).write_text(json.dumps({} if found is None else asdict(found), indent=1), encoding="utf-8")
     return found

@@ -1,6 +1,11 @@
-"""Short runs of an ageing twin, in this process, and the folders that they leave."""
+"""Short runs of an ageing twin, in this process, and the folders that they leave.
 
+python -m tests.soro_ros.ageing.aged FOLDER RUNS CYCLES     # then: soro log aged --runs FOLDER/runs --report PAGE
+"""
+
+import sys
 from datetime import datetime, timedelta
+from pathlib import Path
 
 import yaml
 
@@ -46,3 +51,14 @@ def one_run(folder, number, cycles, seed=1, **keys):
     keep_learned(run, recording, scene)
     keep_model_error(run, recording, scene)
     return run
+
+
+def all_runs(folder, runs, cycles):
+    """Run the twin on so many days, up to so many cycles; return the folder of the runs."""
+    for k in range(runs):
+        one_run(folder, k, cycles * k / (runs - 1), seed=k + 1)
+    return folder / "runs"
+
+
+if __name__ == "__main__":
+    all_runs(Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]))

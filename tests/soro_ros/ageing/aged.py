@@ -1,6 +1,6 @@
 """Short runs of an ageing twin, in this process, and the folders that they leave.
 
-python -m tests.soro_ros.ageing.aged FOLDER RUNS CYCLES     # then: soro log aged --runs FOLDER/runs --report PAGE
+python -m tests.soro_ros.ageing.aged FOLDER RUNS CYCLES    # then: soro log aged --runs FOLDER/runs
 """
 
 import sys

@@ -19,6 +19,8 @@ from soro_core.twin.push import SAME_S, Wall, WrenchChanges
 
 # Largest mass at the tip [kg].
 HEAVIEST_KG = 5.0
+# What 1,000 load cycles leave of the stiffness of a twin; assumed, to try how ageing is found.
+LEFT_BY_1000 = 0.99
 
 
 class SensorConfig(Strict):
@@ -120,6 +122,12 @@ class TwinSection(Strict):
     )
     wall: Wall = Field(Wall(), description="wall in its way, which estimator and controller do not know")
     stiffness_scale: float = Field(1.0, gt=0, le=10, description="true stiffness over the robot file's")
+    cycles: float = Field(
+        0.0,
+        ge=0,
+        le=1e6,
+        description="load cycles behind the true arm, each 1,000 of which have taken 1 % of its stiffness",
+    )
     damping_scale: float = Field(1.0, ge=0, le=10, description="true damping over the robot file's")
     gain_scale: float = Field(1.0, gt=0, le=10, description="true chamber gains over the robot file's")
     pose: SensorConfig = Field(SensorConfig(), description="pose sensors at sensors/pose0, pose1, ...")

@@ -164,6 +164,7 @@ class _Recorder:
         self._rows: dict[str, list[tuple[float, Array]]] = {}
         self._said = list[NodeStatus]()
         self._last = {"controller": "", "estimator": ""}
+        self._command: Command | None = None
 
     def take(self, tick: RunTick) -> None:
         """Note a tick."""
@@ -176,6 +177,7 @@ class _Recorder:
             rows["command"] = command.setpoint_pa
             if command.terms is not None:  # the law has begun
                 rows["wanted_tip"] = command.tip_reference[:3, 3]
+                self._command = command
         for name, row in rows.items():
             self._rows.setdefault(name, []).append((tick.t_s, np.array(row)))
         now = {"estimator": add_prefix(NO_ESTIMATE, estimate.status.message) or estimate.status.note}
@@ -205,7 +207,8 @@ class _Recorder:
             wanted_tip=series("wanted_tip"),
             command=series("command", self._names),
             reading=series("reading", self._names),
-            estimates=EMPTY,
+            estimates=self._learned(start_s, "estimates"),
+            deviations=self._learned(start_s, "deviations"),
             diagnostics={},
             faults=faults,
             true_state=series("true_state"),
@@ -213,3 +216,12 @@ class _Recorder:
             events=tuple(trips),
             said=tuple(one._replace(t_s=one.t_s - start_s) for one in self._said),
         )
+
+    def _learned(self, start_s: float, which: str) -> TopicSeries:
+        """Return what the law had learned at its end, one sample: its numbers, or their deviations."""
+        command = self._command
+        if command is None:
+            return EMPTY
+        numbers = command.estimates if which == "estimates" else command.deviations()
+        at = np.array([self._rows["wanted_tip"][-1][0] - start_s])
+        return TopicSeries(at, np.array([list(numbers.values())]), tuple(numbers)) if numbers else EMPTY

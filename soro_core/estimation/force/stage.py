@@ -148,8 +148,9 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     no_load_s = state.no_load_s + dt if rest > _NO_LOAD else 0.0
     # Without the doubt by the swing, in which everything is a load.
     is_load = _rest(*told, gravity, load_kg) < _A_LOAD
+    is_likelier = _likelier(told[0], told[1] + aside, gravity) > _LIKELIER
     load_s = state.load_s + dt if is_load else 0.0
-    likelier_s = state.likelier_s + dt if is_load and _likelier(*told, gravity) > _LIKELIER else 0.0
+    likelier_s = state.likelier_s + dt if is_load and is_likelier else 0.0
     stage, left_s = state.stage, max(state.left_s - dt, 0.0)
     if stage == "free" and force_s > _FORCE_S + 0.5 * dt:
         stage, no_load_s, load_s, likelier_s, left_s = "outside force", 0.0, 0.0, 0.0, 0.0

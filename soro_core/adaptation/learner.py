@@ -25,8 +25,8 @@ from soro_core.adaptation.kernel.information import LearningRule, RuleFields, ga
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learning.bounds import bounded_minimum
-from soro_core.adaptation.learning.outside_force import KEPT, PAST_S, held
 from soro_core.adaptation.learning.evidence import RIVALS, Evidence, Rival, compared, rivals
+from soro_core.adaptation.learning.outside_force import KEPT, PAST_S, held
 from soro_core.adaptation.learning.state import LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.adaptation.scales import FORCE_PART

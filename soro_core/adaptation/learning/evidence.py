@@ -1,4 +1,4 @@
-"""Which model of an arm is in force: that of its file, slopes of the areas, or another stiffness of all strains.
+"""Which model of an arm is in force: its file, slopes of the areas, or another stiffness of all strains.
 
 On one motion a slope looks like a stiffness or a load, and what samples say of it is no proof: models of all
 kinds are solved for from the same samples, and predict those that come afterwards.
@@ -23,8 +23,8 @@ _MEAN_S = 2.0
 # A rival comes into force where the squares that are missed by the one in force are larger by exp(0.6) = 1.8.
 # What it explains then is no longer missed, and W has got used to it: no evidence is none against it.
 _ENOUGH = 0.6
-# Slopes come only where they are better than another stiffness by this: with one motion they explain one, too,
-# and the force that the arm feels would be wrong by as much.
+# Slopes come only where they are better than another stiffness by this: with one motion they explain one,
+# too, and the force that the arm feels would be wrong by as much.
 _SIMPLER = 0.2
 # Squares, by the noise, that are as good as none: there is nothing to explain.
 _AS_NONE = 0.05

@@ -7,14 +7,16 @@ low-pass across the chord, and a much slower one along it.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 
 from soro_core.arrays import Array
 
-# Rate along the weak direction [rad/s].
-_ALONG_PER_S = 0.3
+# Rate along the weak direction [rad/s], to which 1 / age is added, of at least this [s]: just after a new force
+# the arm swings and pressures change fast, and what is seen is wrong by more than its noise.
+_ALONG_PER_S, _FIRST_S = 0.3, 0.1
 # Square of the deviations of the noise from which on another force is a new one.
 _NEW = 25.0
 # Error of the force of inertia along the weak direction, in parts of that across it.
@@ -43,11 +45,12 @@ class NoisyForce(NamedTuple):
 
 
 class Average(NamedTuple):
-    """A force (3,) [N], and its variances by noise along and across the weak direction [N^2]."""
+    """A force (3,) [N], its variances by noise along and across the weak direction [N^2], and its age [s]."""
 
     force_n: Array
     along: float
     across: float
+    age_s: float = math.inf
 
 
 def averaged(
@@ -76,12 +79,13 @@ def averaged(
     along = float(weak @ off) * weak
     across = off - along
     size = float(across @ across)
-    spread = np.array([before.across, before.along]) + np.square(dt * np.array([rate, _ALONG_PER_S])) * noise
+    along_rate, age_s = _ALONG_PER_S + 1.0 / max(before.age_s, _FIRST_S), before.age_s + dt
+    spread = np.array([before.across, before.along]) + np.square(dt * np.array([rate, along_rate])) * noise
     if size > _NEW * float(spread[0] + noise[0]):
-        spread = spread + size * np.array([1.0, along_part**2])
+        spread, age_s = spread + size * np.array([1.0, along_part**2]), 0.0
     gain = spread / (spread + noise)
     left = (1.0 - gain) * spread
-    return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]))
+    return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]), age_s)
 
 
 def covariance_of(average: Average, density: Array) -> Array:

@@ -147,10 +147,10 @@ CHORD = np.array([0.3, 0.0, -0.954])
 BENT = 2e-3**2 * np.eye(3) + 0.06**2 * np.outer(CHORD, CHORD)
 
 
-def bent(seconds, force, covariance=BENT, state=None, moves=False):
+def bent(seconds, force, covariance=BENT, state=None, moves=False, acceleration=0.0):
     state, pair = state or StageState(usual=1.0), (np.asarray(force), covariance)
     for _ in range(round(seconds / DT)):
-        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, 0.02, 0.01, 0.0, moves), DT)
+        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, 0.02, 0.01, acceleration, moves), DT)
     return state
 
 
@@ -161,6 +161,13 @@ def test_a_push_in_the_plane_of_gravity_is_not_taken_for_a_load():
     assert bent(5.0, (0.05, 0.0, 0.0), doubtful).stage == "outside force"
     assert bent(0.6, (0.05, 0.0, 0.0), 0.25 * BENT).stage == "contact"
     assert bent(0.4, (0.0, 0.0, -0.15)).stage == "free"
+
+
+def test_what_looks_like_a_load_in_a_swing_is_not_yet_one():
+    """A push that makes a bent arm swing pulls down in one half of each swing."""
+    swings = bent(0.6, (0.0, 0.0, -0.15), acceleration=2.5)
+    assert swings.stage == "outside force"
+    assert bent(1.5, (0.0, 0.0, -0.15), state=swings).stage == "free"
 
 
 def test_what_stays_undecided_while_the_arm_moves_is_learned():

@@ -14,8 +14,8 @@ import numpy as np
 
 from soro_core.arrays import Array
 
-# Rate along the weak direction [rad/s], to which 1 / age is added, of at least this [s]: just after a new force
-# the arm swings and pressures change fast, and what is seen is wrong by more than its noise.
+# Rate along the weak direction [rad/s], and the least age [s] whose inverse is added to it: just after a new
+# force the arm swings and pressures change fast, and what is seen is wrong by more than its noise.
 _ALONG_PER_S, _FIRST_S = 0.3, 0.1
 # Square of the deviations of the noise from which on another force is a new one.
 _NEW = 25.0
@@ -33,14 +33,14 @@ class NoisyForce(NamedTuple):
     ----------
     force_n : ndarray (3,)
         [N].
-    density : ndarray (3, 3)
-        Covariance of its noise, times the time for which that lasts [N^2 s].
+    axes : tuple of ndarray (3,), (3, 3)
+        Eigenvalues and vectors of the covariance of its noise, times the time for which that lasts [N^2 s].
     inertia : float
         The same of the error of the force of inertia in each direction across the weak one [N^2 s].
     """
 
     force_n: Array
-    density: Array
+    axes: tuple[Array, Array]
     inertia: float
 
 
@@ -70,7 +70,7 @@ def averaged(
     along_part : float
         Part of a new force along the weak direction that is expected, of that across it.
     """
-    variances, directions = np.linalg.eigh(seen.density)
+    variances, directions = seen.axes
     noise = (variances[1:] + seen.inertia * np.array([1.0, _INERTIA_ALONG**2])) / max(dt, 1e-3)
     weak = directions[:, -1]
     if before is None or dt <= 0.0:
@@ -88,8 +88,8 @@ def averaged(
     return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]), age_s)
 
 
-def covariance_of(average: Average, density: Array) -> Array:
-    """Return the covariance (3, 3) [N^2] of an average by noise of such a density."""
-    weak = np.linalg.eigh(density)[1][:, -1]
+def covariance_of(average: Average, axes: tuple[Array, Array]) -> Array:
+    """Return the covariance (3, 3) [N^2] of an average by noise of such axes."""
+    weak = axes[1][:, -1]
     square = np.outer(weak, weak)
     return np.asarray(average.across * (np.eye(3) - square) + average.along * square)

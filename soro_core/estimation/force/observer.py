@@ -35,8 +35,9 @@ _BEGUN = 5.0
 _ALONE_S = 2.0
 # Time without a position of a place after which one further in is used [s].
 _PLACE_S = 0.25
-# Deviation of the force of inertia at the tip, as a part of it.
-_INERTIA = 0.5
+# Deviation of the force of inertia at the tip, as a part of it; part of it that is left behind the low-pass of
+# the told force while the arm swings.
+_INERTIA, _SWINGS = 0.5, 0.5
 # Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
 # [rad/s].
 _MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
@@ -249,7 +250,9 @@ class ForceObserver:
             with contextlib.suppress(ModelError, np.linalg.LinAlgError):
                 held = hold(self.force, state.held, place, learned, part, dt)
         tip = self.balancer.fine.pose(balance.x, self.balancer.fine.length)[:3, 3]
-        external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.mass_free, tip)
+        swings = _SWINGS * told.inertia_kg * stage.swing * float(np.linalg.norm(told.gravity))
+        covariance = stage.doubt * covariance + swings**2 * np.eye(3)
+        external = ExternalForce(slow, covariance, stage.stage, stage.mass_free, tip)
         return state._replace(stage=stage, held=held, external=external)
 
     def _averaged(

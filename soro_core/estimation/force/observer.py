@@ -35,8 +35,8 @@ _BEGUN = 5.0
 _ALONE_S = 2.0
 # Time without a position of a place after which one further in is used [s].
 _PLACE_S = 0.25
-# Deviation of the force of inertia at the tip, as a part of it; part of it that is left behind the low-pass of
-# the told force while the arm swings.
+# Deviation of the force of inertia at the tip, as a part of it; part of it that is left behind the low-pass
+# of the told force while the arm swings.
 _INERTIA, _SWINGS = 0.5, 0.5
 # Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
 # [rad/s].

@@ -25,7 +25,7 @@ from soro_core.adaptation.kernel.information import LearningRule, RuleFields, ga
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learning.bounds import bounded_minimum
-from soro_core.adaptation.learning.evidence import RIVALS, Evidence, Rival, compared, rivals
+from soro_core.adaptation.learning.evidence import RIVALS, Rival, RivalEvidence, compared, rivals
 from soro_core.adaptation.learning.outside_force import KEPT, PAST_S, held
 from soro_core.adaptation.learning.state import LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
@@ -263,7 +263,7 @@ class Learner:
             adopted, means = compared(rival, sides, noise, judged_s)
             of_each = [information + (self._prior(start, known, one) - prior) for one in RIVALS]
             found = rivals(of_each, moment, self.first_slope, self._room(start, True))
-            rival, judged_s = Evidence(adopted, means, found), 0.0
+            rival, judged_s = RivalEvidence(adopted, means, found), 0.0
             named = self._named(parts["chambers"], information)
         past = tuple((kept[0] + dt, *kept[1:]) for kept in state.past)
         if not past or past[-1][0] >= PAST_S:

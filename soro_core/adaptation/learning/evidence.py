@@ -31,7 +31,7 @@ _AS_NONE = 0.05
 
 
 @dataclass(frozen=True)
-class Evidence:
+class RivalEvidence:
     """What predictions have said of the rivals.
 
     Attributes
@@ -50,17 +50,17 @@ class Evidence:
     rivals: Array | None = None
 
 
-NO_EVIDENCE = Evidence()
+NO_EVIDENCE = RivalEvidence()
 
 
 def compared(
-    evidence: Evidence, sides: tuple[Array, Array], noise: Array, since_s: float
+    evidence: RivalEvidence, sides: tuple[Array, Array], noise: Array, since_s: float
 ) -> tuple[Rival, tuple[float, ...]]:
     """Return `adopted` and `means` after a sample.
 
     Parameters
     ----------
-    evidence : Evidence
+    evidence : RivalEvidence
     sides : tuple of ndarray (n,), (n, size)
         Residual and regressor, which the rivals have not seen.
     noise : ndarray (n, n)

@@ -5,7 +5,7 @@ import pytest
 
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.learner import Learner
-from soro_core.adaptation.learning.evidence import NO_EVIDENCE, Evidence, compared, rivals
+from soro_core.adaptation.learning.evidence import NO_EVIDENCE, RivalEvidence, compared, rivals
 from soro_core.model import SoftArm
 from soro_core.robot import load_robot
 
@@ -20,7 +20,7 @@ def after(evidence, slope, seconds, value=0.5, noise=NOISE):
     for k in range(round(seconds / EVERY_S)):
         regressor = np.array([[1.0, (-1.0) ** k]])
         residual = regressor @ np.array([value, slope])
-        evidence = Evidence(*compared(evidence, (residual, regressor), noise, EVERY_S), VALUES)
+        evidence = RivalEvidence(*compared(evidence, (residual, regressor), noise, EVERY_S), VALUES)
     return evidence
 
 
@@ -47,7 +47,7 @@ def test_slopes_do_not_stand_in_for_another_stiffness(stiffness, adopted):
     found, regressor = NO_EVIDENCE, np.array([[0.0, 1.0]])
     for _ in range(8):
         values = np.array([[0.5, 0.0], [0.5, 1.0], [0.5, stiffness]])
-        found = Evidence(*compared(found, (np.ones(1), regressor), NOISE, EVERY_S), values)
+        found = RivalEvidence(*compared(found, (np.ones(1), regressor), NOISE, EVERY_S), values)
     assert found.adopted == adopted
 
 
@@ -71,7 +71,7 @@ def test_all_rivals_are_the_best_within_the_bounds():
 def test_slopes_that_explain_all_stay_where_nothing_is_left_to_explain():
     evidence, sides = after(NO_EVIDENCE, 1.0, 4.0), (np.ones(1), np.ones((1, 2)))
     for _ in range(40):
-        evidence = Evidence(*compared(evidence, sides, 1e3 * NOISE, EVERY_S), evidence.rivals)
+        evidence = RivalEvidence(*compared(evidence, sides, 1e3 * NOISE, EVERY_S), evidence.rivals)
     assert np.max(np.abs(evidence.means)) < 1e-2
     assert evidence.adopted == "slopes"
 

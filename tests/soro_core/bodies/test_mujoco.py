@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
+from soro_core import BaseState
 from soro_core.bodies import BallShape, BodyWorld, BoxShape, Hinge, RigidBody, simulate_world
-from tests.soro_core.bodies.scenes import WEIGHT, ground, tilt
+from tests.soro_core.bodies.scenes import BETWEEN, RADIUS, WEIGHT, crossing_beams, ground, lower_beam, tilt
 
 mujoco = pytest.importorskip("mujoco", reason="no outside witness: pip install 'soro[witness]' (mujoco)")
 
@@ -13,11 +14,16 @@ HEAD = """<option timestep="2e-4" cone="elliptic" impratio="100" integrator="imp
 <default><geom solref="2e-3 1" solimp="0.99 0.999 1e-4" condim="3"/></default>"""
 
 
-def play(body, seconds, gravity=(0.0, 0.0, -WEIGHT), **controls):
-    """Run a model; gives model and data."""
+def load(body, gravity):
+    """Make a model; gives model and data."""
     model = mujoco.MjModel.from_xml_string(f"<mujoco>{HEAD}<worldbody>{body}</worldbody></mujoco>")
     model.opt.gravity = gravity
-    data = mujoco.MjData(model)
+    return model, mujoco.MjData(model)
+
+
+def play(body, seconds, gravity=(0.0, 0.0, -WEIGHT), **controls):
+    """Run a model; gives model and data."""
+    model, data = load(body, gravity)
     for name, values in controls.items():
         getattr(data, name)[:] = values
     while data.time < seconds:
@@ -132,3 +138,37 @@ def test_a_ball_between_plates_has_the_same_forces():
     np.testing.assert_allclose(np.sort(along), np.sort(theirs[:, 0]), rtol=0.02)
     np.testing.assert_allclose(np.sort(across), np.sort(theirs[:, 1]), rtol=0.02)
     assert np.abs(ours.twist["ball"][-1]).max() < 1e-6
+
+
+def cantilever(name, place, quaternion, pieces=20):
+    """A beam of capsules, with a spring in the middle of each piece of its length."""
+    part = 0.2 / pieces
+    stiffness = 5e7 * np.pi * RADIUS**4 / 4.0 / part
+    touches = {"low": 'contype="1" conaffinity="2"', "high": 'contype="2" conaffinity="1"'}[name]
+    text = f'<body name="{name}" mocap="true" pos="{place}" quat="{quaternion}">'
+    for k in range(pieces):
+        long = part if k < pieces - 1 else 0.5 * part
+        text += f"""<body pos="{part if k else 0.5 * part} 0 0">
+            <joint type="ball" stiffness="{stiffness}" damping="{1e-3 * stiffness}"/>
+            <geom type="capsule" size="{RADIUS}" fromto="0 0 0 {long} 0 0" density="1100" friction="0.5 0 0"
+            {touches}/>"""
+    return text + "</body>" * (pieces + 1)
+
+
+def test_crossed_beams_press_with_the_same_forces():
+    """The upper one is lowered by 2 mm."""
+    at, reach, half, move = 0.15, 0.18, np.sqrt(0.5), lower_beam(2e-3)
+    high = f"{at} {-reach} {2.0 * RADIUS + BETWEEN}", f"{half} 0 0 {half}"
+    model, data = load(cantilever("low", "0 0 0", "1 0 0 0") + cantilever("high", *high), (0.0, 0.0, 0.0))
+    start = data.mocap_pos[1].copy()
+    while data.time < 0.45:
+        data.mocap_pos[1] = start + move(data.time).displacement
+        mujoco.mj_step(model, data)
+    theirs = contact_forces(model, data).sum(axis=0)
+    world = crossing_beams(at, reach)
+    ours = simulate_world(world, t_end=0.5, motions={"low": lambda t: BaseState(), "high": move})
+    assert ours.status.ok, ours.status
+    press = ours.normal_force("low")[-1]
+    across = np.sqrt(np.sum(ours.contact_force("low")[-1] ** 2) - press**2)
+    assert press == pytest.approx(theirs[0], rel=0.02)
+    assert across == pytest.approx(theirs[1], abs=0.02 * theirs[0])

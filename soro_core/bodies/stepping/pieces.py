@@ -30,8 +30,8 @@ def _set_piece(arms: ArmTables, s: int) -> None:
 
 
 @inner
-def find_arm_contacts(arms: ArmTables, w: WorldTables, h: float, margin: float) -> bool:
-    """Find those of arms; False if there are more than `MOST_CONTACTS`."""
+def find_arm_contacts(arms: ArmTables, w: WorldTables, h: float, margin: float, among_arms: float) -> bool:
+    """Find those of arms, by the margins to bodies and among arms; False if more than `MOST_CONTACTS`."""
     for i in range(arms.address.shape[0]):
         for s in range(arms.first_site[i], arms.first_site[i + 1] - 1):
             _set_piece(arms, s)
@@ -40,7 +40,7 @@ def find_arm_contacts(arms: ArmTables, w: WorldTables, h: float, margin: float) 
                     return False
             for j in range(i + 1 if arms.touch_arms else 0):
                 for t in range(arms.first_site[j], min(arms.first_site[j + 1] - 1, s)):
-                    if not _touch_piece(arms, w, (i, s), (j, t), h, margin):
+                    if not _touch_piece(arms, w, (i, s), (j, t), h, among_arms):
                         return False
     return True
 

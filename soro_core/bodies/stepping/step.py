@@ -90,12 +90,13 @@ def _find(arms: ArmTables, w: WorldTables, h: float) -> bool:
     k, m = w.contacts, w.movers
     k.counts[0] = 0
     fastest = arm_speed(arms, w)
+    among_arms = NEAR + 4.0 * h * fastest
     for b in range(w.bodies.kind.shape[0]):
         spin, speed = w.now.twist[b], w.now.twist[b, 3:]
         rim = w.bodies.bound[b] * math.sqrt(dot(spin, spin))
         fastest = max(fastest, rim + math.sqrt(dot(speed, speed)))
     margin = NEAR + 4.0 * h * fastest
-    if not (find_body_contacts(w, h, margin) and find_arm_contacts(arms, w, h, margin)):
+    if not (find_body_contacts(w, h, margin) and find_arm_contacts(arms, w, h, margin, among_arms)):
         return False
     for i in range(m.theta.shape[0]):
         m.theta[i] = 0.5

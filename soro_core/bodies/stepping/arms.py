@@ -14,7 +14,7 @@ from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.bodies.stepping.impulses import set_blocks, solve_impulses
-from soro_core.bodies.stepping.records import ArmTables, NoArm, Span, WorldTables
+from soro_core.bodies.stepping.records import ArmTables, NoArm, StepPart, WorldTables
 from soro_core.bodies.stepping.vectors import cross, dot, subtract
 from soro_core.integrate.air import NO_AIR
 from soro_core.integrate.base_motion import WIDTH, move_base
@@ -58,14 +58,14 @@ base_twist = select_by_type(FixedBase, _no_twist, _base_twist)
 
 @inner
 def _locate_none(
-    like: NoArm, arms: ArmTables, w: WorldTables, span: Span, now: tuple[Array, Array, Array]
+    like: NoArm, arms: ArmTables, w: WorldTables, span: StepPart, now: tuple[Array, Array, Array]
 ) -> int:
     return GOOD
 
 
 @inner
 def _locate(
-    like: Stepping, arms: ArmTables, w: WorldTables, span: Span, now: tuple[Array, Array, Array]
+    like: Stepping, arms: ArmTables, w: WorldTables, span: StepPart, now: tuple[Array, Array, Array]
 ) -> int:
     q, v, _ = now
     start = w.movers.start
@@ -125,7 +125,7 @@ def _bodies_alone(
     like: NoArm,
     arms: ArmTables,
     w: WorldTables,
-    span: Span,
+    span: StepPart,
     now: tuple[Array, Array, Array],
     then: tuple[Array, Array, Array],
 ) -> int:
@@ -136,7 +136,7 @@ def _bodies_alone(
 
 @inner
 def _begin_arm(
-    arms: ArmTables, i: int, run: Stepping, w: WorldTables, span: Span, now: tuple[Array, Array, Array]
+    arms: ArmTables, i: int, run: Stepping, w: WorldTables, span: StepPart, now: tuple[Array, Array, Array]
 ) -> None:
     """Start and bases of the stage of arm i, and its pressures where the equation holds."""
     q, _, z = now
@@ -195,7 +195,7 @@ def _solve(
     like: Stepping,
     arms: ArmTables,
     w: WorldTables,
-    span: Span,
+    span: StepPart,
     now: tuple[Array, Array, Array],
     then: tuple[Array, Array, Array],
 ) -> int:

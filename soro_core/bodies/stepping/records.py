@@ -187,7 +187,7 @@ class WorldTables(NamedTuple):
     """Corners of a body, (8, 3)."""
 
 
-class Span(NamedTuple):
+class StepPart(NamedTuple):
     """A part of a step in time."""
 
     h: float

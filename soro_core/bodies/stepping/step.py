@@ -27,7 +27,7 @@ from soro_core.bodies.stepping.records import (
     WHERE,
     ArmTables,
     BodyRows,
-    Span,
+    StepPart,
     WorldTables,
 )
 from soro_core.bodies.stepping.vectors import dot
@@ -143,7 +143,7 @@ def world_run(
             for b in range(n_b):
                 if w.bodies.motion[b] == DRIVEN:
                     assign(inputs[k, b], w.now.twist[b])
-            span = Span(h, done, part, row)
+            span = StepPart(h, done, part, row)
             code = locate_arms(like, arms, w, span, now)
             if code == GOOD:
                 start_bodies(w)

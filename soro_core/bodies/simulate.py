@@ -213,7 +213,7 @@ def simulate_world(
     run = (times, np.ascontiguousarray(np.concatenate(tables, axis=2)), inputs, built.radius)
     last, code, blame, contacts = _run(built, run, (q, v, z), rows)
     if code == OVERLAP:
-        names = [world.side_name(side, built.piece_of) for side in sorted(blame[:2])]
+        names = world.side_names(sorted(blame[:2]), built.piece_of)
         text = f"{names[0]} and {names[1]} overlap at the start by {-1e3 * blame[2]:.4g} mm"
         raise ModelError(f"{text}; allowed are surfaces that do not", names[0])
     status = _describe(code, world, built, (times[last], q[last]), blame)
@@ -309,20 +309,20 @@ def _describe(
     if code == GOOD:
         return OK
     if code == DEEP:
-        one, other = (world.side_name(side, built.piece_of) for side in sorted(blame[:2]))
+        one, other = world.side_names(sorted(blame[:2]), built.piece_of)
         return Status(
             f"{when} {one} and {other} have sunk {-1e3 * blame[2]:.4g} mm into each other, through the"
             " thinner one; use a smaller dt, or a larger stiffness"
         )
-    if code == AWAY:
-        name = world.side_name(blame[0], built.piece_of)
+    if code in (AWAY, TURNING):
+        name = world.side_names(blame[:1], built.piece_of)[0]
+        if code == TURNING:
+            return Status(f"{when} {name} turns too fast; use a smaller dt")
         return Status(f"{when} {name} has left the world, beyond its reach of {world.reach:g} m; hold it")
     if code == CROWDED:
         return Status(
             f"{when} more than {MOST_CONTACTS} contacts at a time; use fewer bodies or points_per_link"
         )
-    if code == TURNING:
-        return Status(f"{when} {world.side_name(blame[0], built.piece_of)} turns too fast; use a smaller dt")
     if code == SLIDING:
         return Status(f"{when} the impulses at the contacts did not converge; use a smaller dt or stiffness")
     if built.arms and q.size:

@@ -2,6 +2,7 @@
 
 from soro_core.bodies.body import (
     BallShape,
+    BodyMotion,
     BoxShape,
     CapsuleShape,
     CylinderShape,
@@ -10,10 +11,12 @@ from soro_core.bodies.body import (
     RigidBody,
 )
 from soro_core.bodies.simulate import ContactRows, WorldResult, simulate_world
+from soro_core.bodies.stepper import WorldState, WorldStepper
 from soro_core.bodies.world import BodyWorld
 
 __all__ = [
     "BallShape",
+    "BodyMotion",
     "BodyWorld",
     "BoxShape",
     "CapsuleShape",
@@ -23,5 +26,7 @@ __all__ = [
     "Hinge",
     "RigidBody",
     "WorldResult",
+    "WorldState",
+    "WorldStepper",
     "simulate_world",
 ]

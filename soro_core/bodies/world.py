@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from soro_core._box import Box
 from soro_core.arrays import Array, Integers
-from soro_core.bodies.body import RigidBody
+from soro_core.bodies.body import BodyMotion, RigidBody
 from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
     ARM,
@@ -110,6 +110,11 @@ class BodyWorld:
             )
         if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
             raise ModelError(f"gravity = {short(self.gravity)}: allowed are three numbers", "gravity")
+
+    @property
+    def motions(self) -> dict[str, BodyMotion]:
+        """The motions of the bodies that state one, by name."""
+        return {name: body.motion for name, body in self.bodies.items() if body.motion is not None}
 
     def side_name(self, side: float, pieces: Sequence[str]) -> str:
         """Return the name of one side of a contact.

@@ -38,7 +38,19 @@ if TYPE_CHECKING:  # with the model's code
 
 
 # Keys of the whole run, which no arm has of its own.
-OF_RUN = ("name", "arms", "mode", "rate_hz", "duration_s", "recorder", "valves", "arm", "markers", "measured")
+OF_RUN = (
+    "name",
+    "arms",
+    "bodies",
+    "mode",
+    "rate_hz",
+    "duration_s",
+    "recorder",
+    "valves",
+    "arm",
+    "markers",
+    "measured",
+)
 
 
 class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
@@ -55,6 +67,9 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         {},
         description="several arms by name: of each its robot, place (base_position), controller, twin, ... "
         "where they differ from those of the scene",
+    )
+    bodies: Mapping[str, Any] = Field(
+        {}, description="what the arms touch, by name: shape, mass, place, motion (docs/bodies.md)"
     )
     base_position: Vector3 | None = Field(
         None, description="of the base in the world [m]; default: that of the robot file"
@@ -101,6 +116,15 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         (), strict=False, description="faults of the emulated valves, `at` seconds after the start"
     )
 
+    @field_validator("bodies")
+    @classmethod
+    def _read(cls, value: Mapping[str, Any]) -> Mapping[str, Any]:
+        if not value:
+            return value
+        from soro_core.bodies.files import bodies_of  # with the kernels' code
+
+        return bodies_of(value)
+
     @field_validator("twin", mode="before")
     @classmethod
     def _stated_once(cls, value: Any) -> Any:
@@ -139,6 +163,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             ),
             (real and self.faults, "no faults with valves: real, only with emulated ones"),
             (not real and self.device, "no device with valves: emulated, only with real ones"),
+            (real and self.bodies, "no bodies with valves: real, only around a simulated arm"),
             (
                 not real and self.arm == "real",
                 "no arm: real without valves: real, because emulated ones do not supply it",

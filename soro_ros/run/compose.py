@@ -204,7 +204,9 @@ class Run:
 
     def _twin(self, arm: Scene) -> Strict:
         links = self._links.get("" if arm.is_shared else arm.prefix)
-        return arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
+        config = arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
+        bodies = str(self.folder / "scene_used.yaml") if self.scene.bodies else ""
+        return with_changes(config, bodies=bodies)
 
     def _regulator(self, one: Scene) -> Strict:
         return one.regulator_node(str(self._links[one.prefix].device) if one.emulates else "")

@@ -171,10 +171,12 @@ class PushTopic:
         Refuses wrenches in another frame than the world.
     now_ns : callable
         Gives the time [ns] of stamps now; one of 0 counts as that of its arrival.
+    takes : bool
+        Whether the arm can be pushed; one beside bodies is pushed by these alone.
     """
 
-    def __init__(self, node: Node, frames: FrameCheck, now_ns: Callable[[], int]) -> None:
-        self._node, self.frames, self._now_ns = node, frames, now_ns
+    def __init__(self, node: Node, frames: FrameCheck, now_ns: Callable[[], int], takes: bool = True) -> None:
+        self._node, self.frames, self._now_ns, self._takes = node, frames, now_ns, takes
         self._newest = 0, *_NOTHING
         node.create_subscription(WrenchStamped, PUSHED, self._on_wrench, qos.SENSOR)
 
@@ -194,6 +196,8 @@ class PushTopic:
         # What is not finite is not less.
         if not ((np.abs(force) <= LARGEST_N).all() and (np.abs(torque) <= LARGEST_NM).all()):
             refused = f"allowed: at most {LARGEST_N:g} N and {LARGEST_NM:g} N m along each axis, finite"
+        if not self._takes:
+            refused = "allowed: in a scene without bodies"
         if refused:
             self._node.get_logger().warning(f"{PUSHED} refused: {refused}", throttle_duration_sec=1.0)
             return

@@ -136,8 +136,8 @@ def world_run(
 
     `boxes`: the world, its `ArmTables` or `NoArms`, and one of its arms. `given`: times (n_t,), pressures
     (n_t, 3, n_u), over each step the twists of driven bodies or the wrenches on others (n_t, n_b, 6), radii
-    of the sections, and the least gap at the start. `stored`: contacts (n, CONTACT_WIDTH), behind the last of
-    each step (n_t,), and the sides that are to blame (3,).
+    of the sections, and the least gap at the start: -inf where a run goes on. `stored`: contacts
+    (n, CONTACT_WIDTH), behind the last of each step (n_t,), and the sides that are to blame (3,).
     """
     w, arms, like = view(boxes[0]), view(boxes[1]), view(boxes[2])
     times, pressure, inputs, radius, least = given
@@ -147,8 +147,9 @@ def world_run(
     q0, v0, z0 = q[0].copy(), v[0].copy(), z[0].copy()
     _assign_bodies(bodies, 0, w.now)
     last_h = 0.0
-    w.contacts.counts[1] = 0
-    start_arms(arms, like)
+    if least > -math.inf:  # a run that goes on has impulses and accelerations for its first guess
+        w.contacts.counts[1] = 0
+        start_arms(arms, like)
     for k in range(times.shape[0] - 1):
         row = pressure[k]
         if contact.shape[0] - behind[k] < MOST_CONTACTS:

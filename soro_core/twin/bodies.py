@@ -40,23 +40,23 @@ class BodyTick:
     def pushes(self) -> dict[tuple[str, str], tuple[Array, Array, float]]:
         """Force (3,) [N] on the first of two that touch, its torque (3,) about the origin, normal force.
 
-        They are those of the last step before the tick.
+        They are means over the tick: times its length they are the impulses, also those of a hit.
         """
         found: dict[tuple[str, str], tuple[Array, Array, float]] = {}
         if self.result is None:
             return found
         contacts, arms = self.result.contacts, list(self.result.world.arms)
-        first = contacts.behind[-2] if len(contacts.behind) > 1 else 0
-        for k in range(int(first), int(contacts.behind[-1])):
+        share = np.diff(self.result.t) / (self.result.t[-1] - self.result.t[0])
+        for k, step in enumerate(contacts.step):
             one, other = (self.names[s] if s >= 0 else arms[-1 - s] for s in contacts.side[k])
-            force = contacts.force[k]
+            force = share[step - 1] * contacts.force[k]
             push = force, np.cross(contacts.point[k], force), float(force @ contacts.normal[k])
             before = found.get((one, other), (0.0, 0.0, 0.0))
             found[one, other] = before[0] + push[0], before[1] + push[1], before[2] + push[2]
         return found
 
     def wrench(self, name: str, point: Array) -> tuple[Array, Array]:
-        """Sum of the contact forces (3,) [N] on a body or an arm, and of their torques about a point [N m]."""
+        """Contact forces (3,) [N] on a body or an arm in all, and their torque about a point [N m]."""
         force, torque = np.zeros(3), np.zeros(3)
         for pair, (push, turn, _) in self.pushes.items():
             if name in pair:
@@ -100,7 +100,7 @@ class TwinBodies:
         """Bodies and contacts at the present tick."""
 
     def move(self, before: Sequence[TwinState], behind: Sequence[TwinState]) -> list[TwinState]:
-        """Move arms and bodies by a tick; return the states of the twins, with their arms where they are then.
+        """Move arms and bodies by a tick; return the states of the twins, with their arms there.
 
         Parameters
         ----------

@@ -12,10 +12,11 @@ from rich.table import Table
 
 from soro_core.arrays import Array
 from soro_lab.scene import Scene
+from soro_ros.recordings.report import last_s
 from soro_ros.recordings.verdict import Verdict
 
 # End of control in which a body is held, or is not [s].
-_LAST_S = 1.0
+_END_S = 1.0
 _GRAVITY = 9.81
 
 
@@ -28,9 +29,9 @@ class BodyFigures:
     dropped : bool
         Whether an arm has touched it, and none does in the last second of control.
     creep_m_s : float
-        Speed of its centre there, of the straight line through its places.
+        Speed of its centre in the last 5 s, of the straight line through its places.
     weight_balance : float
-        Contact forces against its weight there, in the mean, over the weight, minus 1; NaN of a hinged one.
+        Mean of the contact forces against its weight there, over the weight, minus 1; NaN of a hinged one.
     largest_normal_n : float
         Largest sum of the normal forces on it during a tick of the control.
     """
@@ -81,7 +82,7 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
         return {}
     begin_ns = rows[control][0][0]
     end_ns = min(rows[control][-1][0], begin_ns + round(1e9 * scene.duration_s))
-    last_ns = end_ns - round(1e9 * _LAST_S)
+    last_ns = end_ns - round(1e9 * last_s(scene))
 
     def between(topic: str, first_ns: int) -> list[tuple[int, Any]]:
         return [(stamp, one) for stamp, one in rows[topic] if first_ns <= stamp <= end_ns]
@@ -92,7 +93,7 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
     for name, body in wanted.items():
         own = [(s, {p: n for p, n in of.items() if name in p.split("/")}) for s, of in contacts]
         held = [(stamp, any(arms & set(pair.split("/")) for pair in of)) for stamp, of in own]
-        is_held = any(touched for stamp, touched in held if stamp >= last_ns)
+        is_held = any(touched for stamp, touched in held if stamp >= end_ns - round(1e9 * _END_S))
         poses, pushes = between(f"{place}/{name}/pose", last_ns), between(f"{place}/{name}/wrench", last_ns)
         carried = np.array([force.force_of(one)[2] for _, one in pushes])
         is_free = body.hinge is None and carried.size > 0

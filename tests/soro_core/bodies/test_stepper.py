@@ -40,7 +40,7 @@ def in_pieces(world, t_end, dt, pressures):
 
 
 def test_pieces_of_time_are_the_whole():
-    """Three fingers hold the object, and the table has left it; contacts are handed on from piece to piece."""
+    """Three fingers hold the object, and the table has left it; contacts go on from piece to piece."""
     world = grip_over_a_table_that_sinks()
     whole = simulate_world(world, t_end=2.5, pressures=close(world))
     last = in_pieces(world, 2.5, 0.005, close(world))

@@ -46,7 +46,8 @@ class WorldState:
         names, none = list(result.world.bodies), np.zeros((1, 2))
         return cls(
             arms,
-            *(np.array([rows[name][-1] for name in names]) for rows in (result.place, result.rotation)),
+            np.array([result.place[name][-1] for name in names]),
+            np.array([result.rotation[name][-1] for name in names]),
             np.array([result.twist[name][-1] for name in names]),
             np.array([result.angle.get(name, none)[-1] for name in names]),
         )

@@ -127,7 +127,8 @@ def test_a_ball_in_its_table_is_refused_before_anything_moves(domain, tmp_path):
 
 @pytest.mark.process
 def test_a_ball_that_falls_out_of_the_world_ends_the_run_with_the_cause(domain, tmp_path):
-    changes = "bodies.ball.friction=0.0", "bodies.floor.position=[0.0, 0.0, -20.0]", "duration_s=8"
+    slope = "bodies.floor.quaternion=[0.0, 0.3826834, 0.0, 0.9238795]"  # 45 degrees
+    changes = "bodies.ball.friction=0.0", slope, "duration_s=8"
     ran = grasp(tmp_path, *changes)
     assert (ran.status, ran.figures["verdict"]) == (1, "vented"), ran.output
     assert "body ball has left the world, beyond its reach of 10 m" in ran.figures["reason"]

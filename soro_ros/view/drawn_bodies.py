@@ -12,8 +12,8 @@ from soro_core.bodies import GroundShape, RigidBody
 from soro_core.rotation import quaternion_from_matrix
 from soro_ros.view.body_shape import colour_of, faces_of, triangles_of
 
-# Half of the edge of what is drawn of a ground [m].
-_GROUND_M = 0.5
+# What is drawn of a ground [m].
+_SQUARE = 0.5 * np.array([[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]])
 # Smaller changes of a pose are not worth a message [m, and parts of a rotation].
 _STEP = 1e-5
 
@@ -32,20 +32,11 @@ class DrawnBodies:
         self._poses: dict[str, Array] = {}
         self._meshes: dict[str, viser.SceneNodeHandle] = {}
         for name, body in bodies.items():
-            faces, half = faces_of(body), _GROUND_M
-            if isinstance(body.shape, GroundShape):
-                faces = half * np.array(
-                    [[[-1.0, -1.0, 0.0], [1.0, -1.0, 0.0], [1.0, 1.0, 0.0], [-1.0, 1.0, 0.0]]]
-                )
+            faces = _SQUARE[None] if isinstance(body.shape, GroundShape) else faces_of(body)
             vertices, triangles = triangles_of(faces)
             red, green, blue = (round(255 * float(part)) for part in colour_of(body))
             self._meshes[name] = server.scene.add_mesh_simple(
-                f"/bodies/{name}",
-                vertices,
-                triangles,
-                color=(red, green, blue),
-                flat_shading=True,
-                side="double",
+                f"/bodies/{name}", vertices, triangles, color=(red, green, blue), side="double"
             )
             start = np.eye(4)
             start[:3, :3], start[:3, 3] = body.rotation, body.position

@@ -192,7 +192,9 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
         description="which of the emulated valves feed the chambers, by number; empty: all, in their order",
     )
     fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
-    bodies: str = Field("", description="file whose section bodies has what the arms touch; empty: nothing")
+    bodies_file: str = Field(
+        "", description="file whose section bodies has what the arms touch; empty: nothing"
+    )
     priority: Priority = 10
 
     @model_validator(mode="after")
@@ -201,7 +203,7 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
             raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
         if self.air == "states" and self.plant_chambers:
             raise ValueError("air: lag beside valves that other arms share, or that have another order")
-        if self.bodies and (allowed := beside_bodies(self)):
+        if self.bodies_file and (allowed := beside_bodies(self)):
             raise ValueError(f"{allowed} beside bodies")
         return self
 

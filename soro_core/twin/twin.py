@@ -128,7 +128,7 @@ class Twin:
         self.dt = 1.0 / config.rate_hz
         self._length = self.plant.arm.length
         # A world of bodies moves the arm; the twin itself has its air and its sensors.
-        self._is_held = bool(config.bodies)
+        self._is_held = bool(config.bodies_file)
         self._tracker = Tracker.of(self.plant.arm.robot)
         self._pose_clock = SensorClock.of(config.pose, config.rate_hz)
         self._imu_clock = SensorClock.of(config.imu, config.rate_hz)

@@ -111,7 +111,7 @@ def _running(namespace: str, robot: str) -> list[tuple[str, dict[str, str]]]:
         found = below if within and within not in arms and below else [within]
         robots = [(arm, {"robot": robot or _robot_of(caller, arm)}) for arm in found]
         if len(found) > 1 or f"{found[0]}/{CONTACTS}" in topics:  # those of the scene, not of one of its arms
-            robots[0][1]["bodies"] = _parameter_of(caller, found[0], ("twin",), "bodies") or ""
+            robots[0][1]["bodies_file"] = _parameter_of(caller, found[0], ("twin",), "bodies_file") or ""
         return robots
 
 

@@ -100,7 +100,7 @@ class TwinNode(SoroNode[TwinConfig]):
         loop = qos.REPLAYED if config.pressures == "measured" else qos.loop(self._lockstep)
         self._topics = TwinTopics(self, robot, self._twin, loop, self._lockstep and self._sets_clock)
         frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
-        self._push = PushTopic(self, frames, self._stamp_now_ns, takes=not config.bodies)
+        self._push = PushTopic(self, frames, self._stamp_now_ns, takes=not config.bodies_file)
         if config.base_by_topic:
             BaseTopic(self, frames, self._stamp_now_ns, self._move_base)
         self.create_service(Trigger, "~/start", self._on_start)
@@ -133,14 +133,14 @@ class TwinNode(SoroNode[TwinConfig]):
             self._bridged = 0
             self.create_subscription(JointState, "chambers/state", self._on_measured, qos.REPLAY)
         self._mates = [self]
-        if config.bodies:
+        if config.bodies_file:
             self._join_bodies(config, loop)
 
     def _join_bodies(self, config: TwinConfig, profile: QoSProfile) -> None:
         """Build the world of arms and bodies, once the last arm is there."""
         if config.pressures == "measured":
             allowed = "none beside pressures: measured"
-            raise ConfigError("parameters of twin", "bodies", config.bodies, allowed)
+            raise ConfigError("parameters of twin", "bodies_file", config.bodies_file, allowed)
         arms = [arm for arm in self._world.arms if isinstance(arm, TwinNode)]
         if not all(arm._mates for arm in arms):
             return
@@ -150,7 +150,7 @@ class TwinNode(SoroNode[TwinConfig]):
         several = len(arms) > 1
         names = [arm.get_namespace().rpartition("/")[2] if several else "arm" for arm in arms]
         twins = {name: arm._twin for name, arm in zip(names, arms, strict=True)}
-        bodies = load_bodies(config.bodies)
+        bodies = load_bodies(config.bodies_file)
 
         def build() -> None:
             self._world.bodies = TwinBodies(bodies, twins, [arm.state for arm in arms])

@@ -122,8 +122,8 @@ class Viewer(SoroNode[ViewerConfig]):
         }
         self._bodies: Any = None
         self._body_poses: dict[str, Subscription] = {}
-        if config.bodies:
-            self._make_bodies(config.bodies)
+        if config.bodies_file:
+            self._make_bodies(config.bodies_file)
         self._screen.complete(config)
 
     def _make_bodies(self, file: str) -> None:

@@ -206,7 +206,7 @@ class Run:
         links = self._links.get("" if arm.is_shared else arm.prefix)
         config = arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
         bodies = str(self.folder / "scene_used.yaml") if self.scene.bodies else ""
-        return with_changes(config, bodies=bodies)
+        return with_changes(config, bodies_file=bodies)
 
     def _regulator(self, one: Scene) -> Strict:
         return one.regulator_node(str(self._links[one.prefix].device) if one.emulates else "")

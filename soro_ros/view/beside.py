@@ -50,7 +50,7 @@ def viewing(scene: Scene, folder: Path, interrupted: Sequence[int]) -> Iterator[
         }
         if scene.bodies:
             first = next(iter(configs))
-            configs[first] = with_changes(configs[first], bodies=str(folder / "scene_used.yaml"))
+            configs[first] = with_changes(configs[first], bodies_file=str(folder / "scene_used.yaml"))
         if scene.arms:
             command = processes.arms_command(configs, scene.name, folder)
         else:

@@ -10,7 +10,7 @@ from soro_core.robot import load_robot
 from soro_core.twin import Twin, TwinConfig
 from soro_core.twin.bodies import TwinBodies
 
-CONFIG = TwinConfig(refine=1, bodies="scene.yaml", pressures="measured")
+CONFIG = TwinConfig(refine=1, bodies_file="scene.yaml", pressures="measured")
 WALL = {
     "wall": RigidBody(
         shape=BoxShape(size=[0.02, 0.2, 0.2]), fixed=True, position=[0.03, 0.0, 0.05], friction=0.0

@@ -40,7 +40,7 @@ def test_the_surface_encloses_the_volume_and_points_outwards(shape):
     vertices, triangles = triangles_of(faces_of(RigidBody(shape=shape, mass=1.0)))
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     volume = np.sum(a * np.cross(b, c)) / 6.0
-    assert volume == pytest.approx(VOLUMES[shape], rel=0.05)
+    assert volume == pytest.approx(VOLUMES[shape], rel=0.05 if shape.kind in ("ball", "capsule") else 0.02)
     _, size, _ = shape.extents()
     expected = {"ball": [R] * 3, "capsule": [R, R, R + L / 2], "cylinder": [R, R, L / 2], "box": size}[
         shape.kind

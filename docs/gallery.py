@@ -20,7 +20,7 @@ from soro_lab.scene import Scene
 from soro_lab.scene.load import scenes_in, shipped_folder
 from soro_ros.pictures import film, panels
 from soro_ros.recordings import report
-from soro_ros.recordings.bodies import tracks_of
+from soro_ros.recordings.bodies.tracks import tracks_of
 
 HERE = Path(__file__).parent
 PICTURES = HERE / "images" / "gallery"

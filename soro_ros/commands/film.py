@@ -52,7 +52,7 @@ def write_film(
         If the file has another ending.
     """
     from soro_ros.pictures import film
-    from soro_ros.recordings.bodies import tracks_of
+    from soro_ros.recordings.bodies.tracks import tracks_of
 
     if file.suffix not in (".gif", ".png"):
         raise ConfigError("soro plot", "--film", str(file), "a name that ends with .gif or .png")

@@ -157,7 +157,7 @@ def _judge_bodies(scene: Scene, folder: Path) -> tuple[dict[str, Any], dict[str,
     """Return the figures of the bodies, and the verdict on them by its name; print them."""
     if not (scene.bodies and scene.recorder.enabled and (folder / "bag").exists()):
         return {}, {}
-    from soro_ros.recordings.bodies import figures_of_bodies, judge_bodies, table_of_bodies
+    from soro_ros.recordings.bodies.figures import figures_of_bodies, judge_bodies, table_of_bodies
 
     try:
         found = figures_of_bodies(folder / "bag", scene)

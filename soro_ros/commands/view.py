@@ -91,7 +91,7 @@ def _running(namespace: str, robot: str) -> list[tuple[str, dict[str, str]]]:
     The arms of a scene are those whose namespaces stand below one, or whose valves one node drives.
     """
     from soro_ros.commands.services import READINGS, one_node, service_caller
-    from soro_ros.topics.body_topics import CONTACTS
+    from soro_ros.topics.twin_topics import CONTACTS
 
     if namespace and robot:
         return [(namespace, {"robot": robot})]
@@ -143,7 +143,7 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
     from soro_lab.bag import BagReader
     from soro_lab.run_folder import bag_and_scene
     from soro_lab.scene import arm_of, load_scene
-    from soro_ros.recordings.bodies import tracks_of
+    from soro_ros.recordings.bodies.tracks import tracks_of
     from soro_ros.view.access import Access
     from soro_ros.view.moment import PRESSURES
     from soro_ros.view.recorded import RecordedPage, read, shape_of

@@ -32,11 +32,10 @@ from soro_ros.process import command_line
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_nodes
 from soro_ros.run.faults import FaultInterface
-from soro_ros.topics.body_topics import BodyTopics
 from soro_ros.topics.chambers import ChamberInterface
 from soro_ros.topics.diagnostics import OK, OVER
 from soro_ros.topics.frame_check import FrameCheck
-from soro_ros.topics.twin_topics import BaseTopic, PushTopic, TwinTopics
+from soro_ros.topics.twin_topics import BaseTopic, BodyTopics, PushTopic, TwinTopics
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20

@@ -26,7 +26,7 @@ from soro_ros.view.arm_shape import COLOURS, Camera, chambers, lit_faces, places
 if TYPE_CHECKING:
     from matplotlib.collections import PolyCollection
 
-    from soro_ros.recordings.bodies import BodyTrack
+    from soro_ros.recordings.bodies.tracks import BodyTrack
 
 
 TRACE_S = 4.0

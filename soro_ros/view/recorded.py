@@ -17,7 +17,7 @@ from soro_core.errors import BagError
 from soro_core.robot import Discretisation, Robot
 from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion.decoding import Messages
-from soro_ros.recordings.bodies import BodyTrack
+from soro_ros.recordings.bodies.tracks import BodyTrack
 from soro_ros.view.moment import BACKBONE, DIAGNOSTICS, PRESSURES, STALE_S, TOPICS, Moment, Received
 from soro_ros.view.page import ViewerPage, set_value
 

@@ -11,7 +11,7 @@ from soro_core.robot import load_robot
 from soro_core.rotation import matrix_from_quaternion
 from soro_lab.scene import load_scene
 from soro_ros.pictures import film
-from soro_ros.recordings.bodies import BodyTrack
+from soro_ros.recordings.bodies.tracks import BodyTrack
 from soro_ros.view.access import Access
 from soro_ros.view.body_shape import FREE_COLOUR, faces_of, grounds_of, triangles_of
 from soro_ros.view.moment import Moment

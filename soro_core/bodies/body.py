@@ -10,7 +10,6 @@ import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from soro_core.arrays import Array
-from soro_core.bodies.stepping.records import BALL, BOX, CAPSULE, CYLINDER, GROUND
 from soro_core.config import Floats, Points, Strict
 from soro_core.robot import BaseState
 from soro_core.robot.vectors import Quaternion, Vector3
@@ -28,9 +27,9 @@ class BallShape(Strict):
     kind: Literal["ball"] = Field("ball", description="the word for it in a file")
     radius: _Length = Field(description="[m]")
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
-        return BALL, (self.radius, 0.0, 0.0), self.radius
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
+        return (self.radius, 0.0, 0.0), self.radius
 
     def inertia_per_mass(self) -> Array:
         """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
@@ -44,9 +43,9 @@ class CapsuleShape(Strict):
     radius: _Length = Field(description="[m]")
     length: _Length = Field(description="of the cylinder, without the half balls [m]")
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
-        return CAPSULE, (self.radius, 0.5 * self.length, 0.0), self.radius + 0.5 * self.length
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
+        return (self.radius, 0.5 * self.length, 0.0), self.radius + 0.5 * self.length
 
     def inertia_per_mass(self) -> Array:
         """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
@@ -63,10 +62,10 @@ class CylinderShape(Strict):
     radius: _Length = Field(description="[m]")
     length: _Length = Field(description="[m]")
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
         half = 0.5 * self.length
-        return CYLINDER, (self.radius, half, 0.0), math.hypot(self.radius, half)
+        return (self.radius, half, 0.0), math.hypot(self.radius, half)
 
     def inertia_per_mass(self) -> Array:
         """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
@@ -87,10 +86,10 @@ class BoxShape(Strict):
             raise ValueError(f"three lengths of {_SMALL:g} to {_LARGE:g} m")
         return value
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
         half = tuple(0.5 * one for one in self.size)
-        return BOX, half, math.hypot(*half)
+        return half, math.hypot(*half)
 
     def inertia_per_mass(self) -> Array:
         """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
@@ -103,9 +102,9 @@ class GroundShape(Strict):
 
     kind: Literal["ground"] = Field("ground", description="the word for it in a file")
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
-        return GROUND, _ZERO, 0.0
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
+        return _ZERO, 0.0
 
     def inertia_per_mass(self) -> Array:
         """Zeros: it does not turn."""

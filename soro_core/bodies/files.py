@@ -4,34 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Annotated, TypeAlias
 
-from pydantic import Field, TypeAdapter, ValidationError
+from pydantic import Field
 
 from soro_core.bodies.body import RigidBody
-from soro_core.config import InnerError, Strict, parse, read_yaml
+from soro_core.config import Strict, parse, read_yaml
 
-# What a name of ROS may be called.
-_Name = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-_Bodies: TypeAlias = dict[_Name, RigidBody]
+# Their names are those of topics.
+Bodies: TypeAlias = Mapping[Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")], RigidBody]
 
 
 class _Section(Strict):
-    bodies: Mapping[_Name, RigidBody] = Field(description="by name")
-
-
-def bodies_of(section: Mapping[str, Any]) -> dict[str, RigidBody]:
-    """Return the bodies of a section.
-
-    Raises
-    ------
-    InnerError
-        If a key or a value is not allowed; for the model that has the section.
-    """
-    try:
-        return TypeAdapter(_Bodies).validate_python(dict(section))
-    except ValidationError as error:
-        raise InnerError(error, RigidBody) from None
+    bodies: Bodies = Field(description="by name")
 
 
 def load_bodies(file: str | Path) -> dict[str, RigidBody]:

@@ -16,9 +16,14 @@ from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
     ARM,
     AXIS,
+    BALL,
+    BOX,
+    CAPSULE,
+    CYLINDER,
     DAMPER,
     DRIVEN,
     FREE,
+    GROUND,
     HIGH,
     HINGE_WIDTH,
     HINGED,
@@ -45,6 +50,7 @@ from soro_core.robot import Robot
 from soro_core.robot.basis import radius_profile
 
 _EARTH = (0.0, 0.0, -9.81)
+_KINDS = {"ball": BALL, "capsule": CAPSULE, "cylinder": CYLINDER, "box": BOX, "ground": GROUND}
 
 
 @dataclass(frozen=True)
@@ -151,7 +157,7 @@ class WorldBoxes:
 def body_tables(world: BodyWorld) -> BodyTables:
     """Return the tables of the bodies of a world."""
     bodies = list(world.bodies.values())
-    extents = [body.shape.extents() for body in bodies]
+    extents = [(_KINDS[body.shape.kind], *body.shape.extents()) for body in bodies]
     hinge = np.zeros((len(bodies), HINGE_WIDTH))
     for row, body in zip(hinge, bodies, strict=True):
         if body.hinge is not None and body.mass is not None:

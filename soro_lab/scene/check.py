@@ -72,7 +72,7 @@ def arm_of(scene: Scene, wanted: str | None, where: str) -> Scene:
 
 
 def require_one_arm(scene: Scene, where: str) -> Scene:
-    """Return a scene of one arm.
+    """Return a scene of one arm, and of nothing else, for those whose twin is alone.
 
     Parameters
     ----------
@@ -83,8 +83,11 @@ def require_one_arm(scene: Scene, where: str) -> Scene:
     Raises
     ------
     ConfigError
-        If it has several arms.
+        If it has several arms, or bodies.
     """
+    if scene.bodies:
+        allowed = "none: only soro run without --learn-from, view, plot, report and bag know bodies"
+        raise ConfigError(where, "bodies", ", ".join(scene.bodies), allowed)
     if scene.arms:
         allowed = "a scene of one arm: only soro run, view, plot, report and bag know several"
         raise ConfigError(where, "arms", ", ".join(scene.arms), allowed)

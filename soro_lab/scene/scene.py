@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from soro_core.bodies.files import Bodies
 from soro_core.config import Strict, with_changes
 from soro_core.control.config import ControllerConfig
 from soro_core.control.laws.registry import find_law
@@ -68,7 +69,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         description="several arms by name: of each its robot, place (base_position), controller, twin, ... "
         "where they differ from those of the scene",
     )
-    bodies: Mapping[str, Any] = Field(
+    bodies: Bodies = Field(
         {}, description="what the arms touch, by name: shape, mass, place, motion (docs/bodies.md)"
     )
     base_position: Vector3 | None = Field(
@@ -115,15 +116,6 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     faults: tuple[Injection, ...] = Field(
         (), strict=False, description="faults of the emulated valves, `at` seconds after the start"
     )
-
-    @field_validator("bodies")
-    @classmethod
-    def _read(cls, value: Mapping[str, Any]) -> Mapping[str, Any]:
-        if not value:
-            return value
-        from soro_core.bodies.files import bodies_of  # with the kernels' code
-
-        return bodies_of(value)
 
     @field_validator("twin", mode="before")
     @classmethod

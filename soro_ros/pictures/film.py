@@ -19,14 +19,14 @@ from soro_core.robot.basis import radius_profile
 from soro_core.twin.config import described_plant
 from soro_core.twin.plant import true_robot
 from soro_lab.scene import Scene
+from soro_ros.recordings.bodies.tracks import BodyTrack
 from soro_ros.recordings.recording import RunRecording
 from soro_ros.recordings.report import in_control, pressure_bounds, read_run, tip_error
 from soro_ros.view.arm_shape import COLOURS, Camera, chambers, lit_faces, places, surface, walls
+from soro_ros.view.body_shape import colour_of, faces_of, grounds_of
 
 if TYPE_CHECKING:
     from matplotlib.collections import PolyCollection
-
-    from soro_ros.recordings.bodies.tracks import BodyTrack
 
 
 TRACE_S = 4.0
@@ -148,12 +148,8 @@ class AnimatedFigure:
         if shown.scene.arm == "simulated":
             contacts = described_plant(shown.robot, shown.scene.twin_node()).contacts
             self._planes = contacts.planes if contacts else ()
-        self._bodies: list[tuple[BodyTrack, Array, Array]] = []
-        if shown.bodies:
-            from soro_ros.view.body_shape import colour_of, faces_of, grounds_of
-
-            self._bodies = [(one, faces_of(one.body), colour_of(one.body)) for one in shown.bodies]
-            self._planes = (*self._planes, *grounds_of(one.body for one in shown.bodies))
+        self._bodies = [(one, faces_of(one.body), colour_of(one.body)) for one in shown.bodies]
+        self._planes = (*self._planes, *grounds_of(one.body for one in shown.bodies))
         near = [
             faces.reshape(-1, 3) + track.at(t)[:3, 3]
             for track, faces, _ in self._bodies

@@ -18,6 +18,7 @@ from soro_core.robot import Discretisation, Robot
 from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion.decoding import Messages
 from soro_ros.recordings.bodies.tracks import BodyTrack
+from soro_ros.view.drawn_bodies import DrawnBodies
 from soro_ros.view.moment import BACKBONE, DIAGNOSTICS, PRESSURES, STALE_S, TOPICS, Moment, Received
 from soro_ros.view.page import ViewerPage, set_value
 
@@ -137,11 +138,8 @@ class RecordedPage:
         trail_s: float,
         bodies: Mapping[str, BodyTrack] | None = None,
     ) -> None:
-        self._tracks, self._bodies = bodies or {}, None
-        if bodies:
-            from soro_ros.view.drawn_bodies import DrawnBodies
-
-            self._bodies = DrawnBodies(server, {name: track.body for name, track in bodies.items()})
+        self._tracks = bodies or {}
+        self._bodies = DrawnBodies(server, {name: track.body for name, track in self._tracks.items()})
         self._server, self._trail_s = server, trail_s
         self._recorded = [moments for _, moments in arms.values()]
         self._times = [moment.t_s for moment in self._recorded[0]]
@@ -177,8 +175,7 @@ class RecordedPage:
             at_once, self._moved = self._moved, False
             for page, recorded in zip(self._pages, self._recorded, strict=True):
                 page.show(self.shown(recorded), at_once)
-            if self._bodies is not None:
-                self._bodies.show({name: track.at(self._t_s) for name, track in self._tracks.items()})
+            self._bodies.show({name: track.at(self._t_s) for name, track in self._tracks.items()})
 
     def shown(self, recorded: Sequence[Moment]) -> Sequence[Moment]:
         """Return the moments of an arm's trail, the last of which is the present one."""

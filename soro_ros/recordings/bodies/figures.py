@@ -90,14 +90,14 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
         is_held = any(touched for stamp, touched in held if stamp >= end_ns - round(1e9 * _END_S))
         poses, pushes = between(f"{place}/{name}/pose", last_ns), between(f"{place}/{name}/wrench", last_ns)
         carried = np.array([force.force_of(one)[2] for _, one in pushes])
-        is_free = body.hinge is None and carried.size > 0
+        weight_n = math.nan if body.mass is None or body.hinge is not None else body.mass * _GRAVITY
         found[name] = BodyFigures(
             dropped=any(touched for _, touched in held) and not is_held,
             creep_m_s=_speed(
                 np.array([1e-9 * (stamp - last_ns) for stamp, _ in poses]),
                 np.array([messages.pose_arrays(one.pose)[0] for _, one in poses]),
             ),
-            weight_balance=float(carried.mean()) / (body.mass * _GRAVITY) - 1.0 if is_free else math.nan,
+            weight_balance=float(carried.mean()) / weight_n - 1.0 if carried.size else math.nan,
             largest_normal_n=max((sum(of.values()) for _, of in own), default=math.nan),
         )
     return found

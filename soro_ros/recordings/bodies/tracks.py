@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from soro_core.arrays import Array
+from soro_core.bodies import RigidBody
 from soro_lab.scene import Scene
-
-if TYPE_CHECKING:  # with the kernels' code
-    from soro_core.bodies import RigidBody
 
 
 @dataclass(frozen=True)

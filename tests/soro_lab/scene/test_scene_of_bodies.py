@@ -9,7 +9,7 @@ import yaml
 from soro_core.bodies import BallShape, BodyMotion
 from soro_core.bodies.files import load_bodies
 from soro_core.errors import ConfigError
-from soro_lab.scene import check_scene, load_scene
+from soro_lab.scene import check_scene, load_scene, require_one_arm
 
 BALL = {"shape": {"kind": "ball", "radius": "16 mm"}, "mass": "30 g", "position": [0.0, 0.0, 0.1]}
 FLOOR = {"shape": {"kind": "ground"}, "fixed": True}
@@ -72,11 +72,17 @@ def test_wrong_bodies_are_refused_in_one_line(scene_of, bodies, keys, said):
     assert "\n" not in str(error.value)
 
 
-def test_a_scene_without_bodies_has_none_of_their_code():
+def test_who_simulates_an_arm_alone_refuses_bodies(scene_of):
+    with pytest.raises(ConfigError, match=r"bodies: got 'ball'.*only soro run"):
+        require_one_arm(scene_of({"ball": BALL}), "table.yaml")
+
+
+def test_a_scene_without_bodies_has_nothing_that_moves_them():
     code = (
         "import sys; from soro_lab.scene import load_scene; from soro_core.twin import Twin\n"
         "import soro_core.twin.world\n"
         "scene = load_scene('three_fingers'); Twin(scene.each[0].loaded_robot, scene.each[0].twin_node())\n"
-        "sys.exit(any(name.startswith('soro_core.bodies') for name in sys.modules))"
+        "moves = [f'soro_core.bodies.{name}' for name in ('stepping', 'simulate', 'stepper', 'world')]\n"
+        "sys.exit(any(name.startswith(tuple(moves)) for name in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -1,7 +1,7 @@
 """The twin node: it simulates the robot and publishes the robot's topics, in real time or in lockstep.
 
-A process has one for each arm of its scene, in one `ArmWorld`: `soro_twin /hand/left /hand/right`. The first
-one has the bodies that they touch.
+A process has one for each arm of its scene, in one `ArmWorld`: `soro_twin /hand/left /hand/right`.
+Beside bodies they move together, also in real time.
 """
 
 from __future__ import annotations
@@ -322,8 +322,9 @@ class TwinNode(SoroNode[TwinConfig]):
                 arm._skipped += due - CATCH_UP_TICKS
             due = CATCH_UP_TICKS
         frames = [arm._link.latest() if arm._link is not None else None for arm in mates]
-        if any(arm._link is not None and frame is None for arm, frame in zip(mates, frames, strict=True)):
-            return  # the next call makes up for these ticks
+        waits = any(arm._link is not None and frame is None for arm, frame in zip(mates, frames, strict=True))
+        if waits or not all(arm.is_started for arm in mates):
+            return  # a later call makes up for these ticks
         for _ in range(due):
             self._move()
             for arm in mates:

@@ -28,7 +28,7 @@ class BodyFigures:
     Attributes
     ----------
     dropped : bool
-        Whether an arm has touched it, and none does in the last second of control.
+        Whether an arm has touched it, and none does in the last second of control; not of a hinged one.
     creep_m_s : float
         Speed of its centre in the last 5 s, of the straight line through its places.
     weight_balance : float
@@ -92,7 +92,7 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
         carried = np.array([force.force_of(one)[2] for _, one in pushes])
         weight_n = math.nan if body.mass is None or body.hinge is not None else body.mass * _GRAVITY
         found[name] = BodyFigures(
-            dropped=any(touched for _, touched in held) and not is_held,
+            dropped=body.hinge is None and any(touched for _, touched in held) and not is_held,
             creep_m_s=_speed(
                 np.array([1e-9 * (stamp - last_ns) for stamp, _ in poses]),
                 np.array([messages.pose_arrays(one.pose)[0] for _, one in poses]),

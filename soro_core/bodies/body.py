@@ -153,6 +153,10 @@ class BodyMotion(Strict):
             raise ValueError("times of 0 or more that increase")
         return self
 
+    def moves_within(self, start: float, end: float) -> bool:
+        """Whether it moves at some time between two [s]."""
+        return self.at_s[0] < end and start < self.at_s[-1]
+
     def __call__(self, t: float) -> BaseState:
         """Return the displacement at a time [s], with its rates."""
         rows = np.reshape(self.displacement_m, (-1, 3))

@@ -134,8 +134,11 @@ class WorldStepper:
             v[0, built.first_q[i] : built.first_q[i + 1]] = own.qd
             z[0, built.first_z[i] : built.first_z[i + 1]] = own.internal
         rows = first_rows(world, n + 1)
-        inputs = body_inputs(world, times, {}, world.motions, rows)
-        for b, body in enumerate(world.bodies.values()):
+        driven = {name: one for name, one in world.motions.items() if one.moves_within(t, t + dt)}
+        inputs = body_inputs(world, times, {}, driven, rows)
+        for b, (name, body) in enumerate(world.bodies.items()):
+            if body.motion is not None and name not in driven:
+                rows.place[0, b] += body.motion(t).displacement
             if not body.fixed:
                 rows.place[0, b], rows.rotation[0, b] = state.place[b], state.rotation[b]
                 rows.twist[0, b], rows.joint[0, b] = state.twist[b], state.angle[b]

@@ -42,26 +42,35 @@ class BodyTick:
 
         They are means over the tick: times its length they are the impulses, also those of a hit.
         """
-        found: dict[tuple[str, str], tuple[Array, Array, float]] = {}
-        if self.result is None:
-            return found
-        contacts, arms = self.result.contacts, list(self.result.world.arms)
-        share = np.diff(self.result.t) / (self.result.t[-1] - self.result.t[0])
-        for k, step in enumerate(contacts.step):
-            one, other = (self.names[s] if s >= 0 else arms[-1 - s] for s in contacts.side[k])
-            force = share[step - 1] * contacts.force[k]
-            push = force, np.cross(contacts.point[k], force), float(force @ contacts.normal[k])
-            before = found.get((one, other), (0.0, 0.0, 0.0))
-            found[one, other] = before[0] + push[0], before[1] + push[1], before[2] + push[2]
+        if self.result is None or not len(self.result.contacts.gap):
+            return {}
+        contacts, t = self.result.contacts, self.result.t
+        share = np.diff(t, prepend=t[0]) / (t[-1] - t[0])
+        force = share[contacts.step, None] * contacts.force
+        torque, normal = np.cross(contacts.point, force), (force * contacts.normal).sum(axis=1)
+        sides, pair = np.unique(contacts.side, axis=0, return_inverse=True)
+        sums = np.zeros((len(sides), 7))
+        np.add.at(sums, pair.ravel(), np.column_stack((force, torque, normal)))
+        names = [*self.names, *reversed(list(self.result.world.arms))]  # that of an arm counts from the end
+        return {
+            (names[one], names[other]): (row[:3], row[3:6], float(row[6]))
+            for (one, other), row in zip(sides.tolist(), sums, strict=True)
+        }
+
+    def force(self, name: str) -> Array:
+        """Sum of the contact forces (3,) [N] on a body or an arm."""
+        found = np.zeros(3)
+        for (one, other), (push, _, _) in self.pushes.items():
+            if name in (one, other):
+                found = found + push if name == one else found - push
         return found
 
     def wrench(self, name: str, point: Array) -> tuple[Array, Array]:
         """Contact forces (3,) [N] on a body or an arm in all, and their torque about a point [N m]."""
-        force, torque = np.zeros(3), np.zeros(3)
-        for pair, (push, turn, _) in self.pushes.items():
-            if name in pair:
-                sign = 1.0 if pair[0] == name else -1.0
-                force, torque = force + sign * push, torque + sign * turn
+        force, torque = self.force(name), np.zeros(3)
+        for (one, other), (_, turn, _) in self.pushes.items():
+            if name in (one, other):
+                torque = torque + turn if name == one else torque - turn
         return force, torque - np.cross(point, force)
 
 
@@ -121,7 +130,7 @@ class TwinBodies:
                 state,
                 arm=self.now.state.arms[name],
                 status=result.status,
-                touched_n=self.now.wrench(name, np.zeros(3))[0],
+                touched_n=self.now.force(name),
             )
             for name, state in zip(self._twins, behind, strict=True)
         ]

@@ -157,7 +157,8 @@ class TwinNode(SoroNode[TwinConfig]):
         try:
             self.compile(build)
         except ModelError as error:
-            raise ConfigError("scene", "bodies", "", str(error)) from None
+            found, _, allowed = str(error).partition("; allowed are ")
+            raise ConfigError("scene", "bodies", found, allowed or "a world that can be") from None
         for arm in arms:
             arm._mates = arms
         place = arms[0].get_namespace()

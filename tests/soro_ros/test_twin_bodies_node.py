@@ -6,6 +6,7 @@ import rclpy
 import yaml
 from geometry_msgs.msg import WrenchStamped
 
+from soro_core.robot import load_robot, save_robot
 from soro_core.twin.world import ArmWorld
 from soro_ros.conversion import messages
 from soro_ros.nodes.twin import TwinNode
@@ -21,8 +22,13 @@ def nodes(domain, tmp_path):
     """Two twins beside bodies, in real time, of one world."""
     file = tmp_path / "bodies.yaml"
     file.write_text(yaml.safe_dump({"bodies": {"ball": BALL, "wall": WALL}}))
-    settings = {"mode": "real_time", "bodies_file": file, "refine": 1}
-    rclpy.init(args=["--ros-args", *(text for k, v in settings.items() for text in ("-p", f"{k}:={v}"))])
+    robot = tmp_path / "apart.yaml"
+    save_robot(load_robot("tue_three_bellow").replace(base_position=(-1.0, 0.0, 0.0)), robot)
+    keys = {"mode": "real_time", "bodies_file": str(file), "refine": 1}
+    each = {"/hand/left/twin": keys, "/hand/right/twin": {**keys, "robot": str(robot)}}
+    settings = tmp_path / "settings.yaml"
+    settings.write_text(yaml.safe_dump({name: {"ros__parameters": own} for name, own in each.items()}))
+    rclpy.init(args=["--ros-args", "--params-file", str(settings)])
     world = ArmWorld()
     made = [TwinNode(f"/hand/{name}", world) for name in ("left", "right")]
     try:

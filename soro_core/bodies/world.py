@@ -11,14 +11,19 @@ from numpy.typing import ArrayLike
 
 from soro_core._box import Box
 from soro_core.arrays import Array, Integers
-from soro_core.bodies.body import RigidBody
+from soro_core.bodies.body import BodyMotion, RigidBody
 from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
     ARM,
     AXIS,
+    BALL,
+    BOX,
+    CAPSULE,
+    CYLINDER,
     DAMPER,
     DRIVEN,
     FREE,
+    GROUND,
     HIGH,
     HINGE_WIDTH,
     HINGED,
@@ -50,6 +55,7 @@ _BOUNDS = (
     ("points_per_link", 1, 200),
     ("reach", 0.0, 1e6),
 )
+_KINDS = {"ball": BALL, "capsule": CAPSULE, "cylinder": CYLINDER, "box": BOX, "ground": GROUND}
 
 
 @dataclass(frozen=True)
@@ -123,6 +129,11 @@ class BodyWorld:
         if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
             raise ModelError(f"gravity = {short(self.gravity)}: allowed are three numbers", "gravity")
 
+    @property
+    def motions(self) -> dict[str, BodyMotion]:
+        """The motions of the bodies that state one, by name."""
+        return {name: body.motion for name, body in self.bodies.items() if body.motion is not None}
+
     def side_names(self, sides: Iterable[float], pieces: Sequence[str]) -> list[str]:
         """Return the names of sides of a contact.
 
@@ -159,7 +170,7 @@ class WorldBoxes:
 def body_tables(world: BodyWorld) -> BodyTables:
     """Return the tables of the bodies of a world."""
     bodies = list(world.bodies.values())
-    extents = [body.shape.extents() for body in bodies]
+    extents = [(_KINDS[body.shape.kind], *body.shape.extents()) for body in bodies]
     hinge = np.zeros((len(bodies), HINGE_WIDTH))
     for row, body in zip(hinge, bodies, strict=True):
         if body.hinge is not None and body.mass is not None:

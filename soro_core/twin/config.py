@@ -200,6 +200,9 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
         description="which of the emulated valves feed the chambers, by number; empty: all, in their order",
     )
     fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
+    bodies_file: str = Field(
+        "", description="file whose section bodies has what the arms touch; empty: nothing"
+    )
     priority: Priority = 10
 
     @model_validator(mode="after")
@@ -208,7 +211,23 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
             raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
         if self.air == "states" and self.plant_chambers:
             raise ValueError("air: lag beside valves that other arms share, or that have another order")
+        if self.bodies_file and (allowed := beside_bodies(self)):
+            raise ValueError(f"{allowed} beside bodies")
         return self
+
+
+def beside_bodies(twin: TwinSection) -> str:
+    """Return what a twin may not have beside bodies, as what is allowed; empty if it has nothing of it."""
+    found = {
+        "air: lag": twin.air != "lag",
+        "no imu": twin.imu.enabled,
+        "no wrench": bool(twin.wrench.at_s),
+        "no wall (a body that is fixed is one)": bool(twin.wall.stiffness),
+        "no payload_changes": bool(twin.payload_changes.at_s),
+        "no base_shake": twin.base_shake.moves,
+        "no base_by_topic": twin.base_by_topic,
+    }
+    return next((allowed for allowed, has in found.items() if has), "")
 
 
 def described_plant(robot: Robot, config: TwinConfig) -> Robot:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from rclpy.node import Node
 
-from soro_core.config import Strict
+from soro_core.config import Strict, with_changes
 from soro_core.control.laws.registry import SHIPPED
 from soro_core.errors import SoroError
 from soro_core.jobs.versions import versions
@@ -162,7 +162,9 @@ class Run:
 
     def _twin(self, arm: Scene) -> Strict:
         links = self.processes.links.get("" if arm.is_shared else arm.prefix)
-        return arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
+        config = arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
+        bodies = str(self.folder / "scene_used.yaml") if self.scene.bodies else ""
+        return with_changes(config, bodies_file=bodies)
 
     def _regulator(self, one: Scene) -> Strict:
         return one.regulator_node(str(self.processes.links[one.prefix].device) if one.emulates else "")

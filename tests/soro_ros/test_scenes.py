@@ -43,6 +43,7 @@ def test_every_scene_is_listed_and_tested():
     others = {
         "track_circle": "good",
         "three_fingers": "good",
+        "grasp_ball": "good",
         "contact_with_a_wall": "poor",
         "valve_fails": "vented",
     }

@@ -205,7 +205,7 @@ class _March:
         # Displacements with new accelerations of 0; what u is beyond them, these have made.
         coasted = last.u + h * last.v + h * h * (0.5 - beta) * last.a
         balance_at = partial(self.balance, last, coasted)
-        u, balance = last.u, balance_at(last.u)
+        u, balance = last.u, balance_at(last.u, last.u)
         for _ in range(self.iterations):
             if balance.inverted >= 0:
                 return None, inversion(self.part, balance.inverted)
@@ -222,10 +222,13 @@ class _March:
             u, balance = moved(self.equations, balance_at, u, change, balance, is_there, is_searching)
         return None, f"no balance in {self.iterations} iterations; take shorter steps"
 
-    def balance(self, last: Moving, coasted: Array, u: Array) -> Balance:
-        """Return forces with those of inertia, in between the last state and u, and their derivative by u."""
+    def balance(self, last: Moving, coasted: Array, u: Array, before: Array) -> Balance:
+        """Return forces with those of inertia, in between the last state and u, and their derivative by u.
+
+        Displacements `before` are those of `Part.balance`.
+        """
         of_mass, of_force, h = self.alpha.of_mass, self.alpha.of_force, self.h
-        balance = self.part.balance(u, self.load(last.time_s + h))
+        balance = self.part.balance(u, self.load(last.time_s + h), before=before)
         by_u = (1.0 - of_mass) / (self.alpha.beta * h * h)
         inertia = self.inertia(by_u * (u - coasted) + of_mass * last.a)
         return replace(

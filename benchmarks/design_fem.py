@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from importlib.util import find_spec
 
 import numpy as np
@@ -12,6 +13,7 @@ from benchmarks.timing import CLOCK
 from soro_design.fem import Contact, Mesh, Part, block, load_material, make_part, no_loads, solve, tube
 from soro_design.fem.solve import linear
 from tests.soro_design.fem import closed_forms as closed
+from tests.soro_design.fem import judged_parts as judged
 from tests.soro_design.fem import moving_parts as moving
 from tests.soro_design.fem.three_bellow import THESIS, forces
 
@@ -99,6 +101,29 @@ def three_bellow_part(options: Options) -> tuple[str, str]:
         for (x, each), found in zip(THESIS.items(), forces(), strict=True)
     ]
     return "Force of the three-bellow part", table(["mm", "thesis, N", "found, N", "off by"], rows)
+
+
+def another_library(options: Options) -> tuple[str, str]:
+    """Iterations and CPU time of six parts that an independent library has solved too."""
+    rows = []
+    for name, other in judged.OTHER.items():
+        if name == "ring" and not find_spec("ipctk"):
+            continue
+        options.say(name)
+        part = judged.PARTS[name]()
+        part.balance(np.zeros_like(part.mesh.points), 0.0)  # compiles
+        begin = time.process_time()
+        done = solve(part)
+        spent = time.process_time() - begin
+        off = np.abs(np.divide(judged.values(name, part, done.last), other.values) - 1.0).max()
+        counts = [done.steps, done.iterations, other.iterations]
+        rows.append([name, part.mesh.points.size, *counts, figure(spent), figure(other.cpu_s), f"{off:.0e}"])
+    head = ["part", "displacements", "load steps", "iterations", "other", "CPU s", "other", "off by"]
+    note = (
+        "Parts: `tests/soro_design/fem/judged_parts.py`. The times of the other library are of another run;"
+        " it left no values of ring and block, which are held against our own of other load steps."
+    )
+    return "Newton's method against another library", f"{table(head, rows)}\n\n{note}"
 
 
 def times(options: Options) -> tuple[str, str]:

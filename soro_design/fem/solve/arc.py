@@ -145,7 +145,7 @@ class ArcLengthPath:
 
     def _rate(self, u: Array, load: float) -> Array | None:
         """du/dload, or None where the stiffness is singular."""
-        tangent = self.equations.tangent(self.equations.part.balance(u, load))
+        tangent = self.equations.tangent(self.equations.part.balance(u, load), u)
         return tangent.move(self.equations.part.push(u), self.equations.target) if tangent else None
 
     def _is_straight(self, moved: Array, tangent: Array) -> bool:
@@ -165,7 +165,7 @@ class ArcLengthPath:
                 forces = equations.state_forces(balance)
                 return Attempt(EquilibriumState(load, u, forces, balance.energy), "", iteration)
             self.iterations += 1
-            tangent = equations.tangent(balance)
+            tangent = equations.tangent(balance, u)
             by_gap = tangent.move(-balance.unbalanced, equations.gap(u, load)) if tangent else None
             rate = tangent.move(part.push(u), equations.target) if tangent else None
             if by_gap is None or rate is None:

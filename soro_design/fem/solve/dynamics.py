@@ -184,7 +184,7 @@ class _March:
     def start(self, u: Array, v: Array) -> Moving:
         """Return the state at the start: accelerations of free nodes balance the forces."""
         balance = self.part.balance(u, self.load(0.0))
-        tangent = self.equations.tangent(replace(balance, data=self.mass, coupling=None))
+        tangent = self.equations.tangent(replace(balance, data=self.mass, coupling=None), u)
         a = tangent.move(-balance.unbalanced, np.zeros_like(u)) if tangent else None
         if balance.inverted >= 0 or a is None:
             raise ModelError(f"u: {inversion(self.part, max(balance.inverted, 0))}", "u")
@@ -213,7 +213,7 @@ class _March:
                 a = (u - coasted) / (beta * h * h)
                 v = last.v + h * ((1.0 - gamma) * last.a + gamma * a)
                 return self.moving(last.time_s + h, u, v, a), ""
-            tangent = self.equations.tangent(balance)
+            tangent = self.equations.tangent(balance, u)
             gap = self.equations.gap(u, load)
             change = tangent.move(-balance.unbalanced, gap) if tangent else None
             if change is None:

@@ -68,7 +68,7 @@ def equilibrium(
         if growing == GROWING:
             return Attempt(None, f"the unbalanced force grows to {size:.3g} N", iteration)
         last = size if iteration else np.inf
-        tangent = equations.tangent(balance)
+        tangent = equations.tangent(balance, u)
         step = tangent.move(-balance.unbalanced, equations.gap(u, load)) if tangent else None
         if step is None:
             return Attempt(None, "the stiffness is singular: hold the part", iteration)

@@ -24,7 +24,7 @@ from soro_design.fem import (
 
 
 class Judged(NamedTuple):
-    """Iterations and CPU seconds of the other library, and the displacements [m] and forces [N] of `values`."""
+    """Iterations and CPU seconds of the other library, and displacements [m] and forces [N] of `values`."""
 
     iterations: int
     cpu_s: float

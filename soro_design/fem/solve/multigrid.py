@@ -1,7 +1,7 @@
 """Linear equations of large solids by iterations: conjugate gradients or GMRES under algebraic multigrid.
 
 The multigrid is smoothed aggregation (Vanek, Mandel and Brezina, Computing 56 (1996) 179-196) of pyamg, which
-keeps the motions of a rigid body, the softest of each part of a solid. docs/adr/0077-newton-and-large-solids.md.
+keeps the motions of a rigid body, the softest of each part of a solid (docs/adr, 0077).
 """
 
 from __future__ import annotations

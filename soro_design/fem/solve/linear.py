@@ -108,12 +108,7 @@ def regular_factors(matrix: Any, is_solid: bool = False, motions: Array | None =
     """Return the factors, or None where it is singular, by how far some force moves its rows.
 
     Of a pivot that is 0, round-off mostly leaves something, and a solution that means nothing. Newton's
-    method needs no such measure, because its balance decides.
-
-    Parameters
-    ----------
-    matrix, is_solid, motions
-        As in `factorised`.
+    method needs no such measure, because its balance decides; parameters as in `factorised`.
     """
     factors = factorised(matrix, is_solid, motions)
     if factors is None:

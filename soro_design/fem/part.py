@@ -115,7 +115,9 @@ class Part:
         check_closed(self.mesh, loads)
         return replace(self, loads=loads, _faces=faces, _pieces=pieces)
 
-    def balance(self, u: Array, load: float, with_stiffness: bool = True) -> Balance:
+    def balance(
+        self, u: Array, load: float, with_stiffness: bool = True, before: Array | None = None
+    ) -> Balance:
         """Return the forces of the part.
 
         Parameters
@@ -126,6 +128,8 @@ class Part:
             Factor of pressures and forces.
         with_stiffness : bool
             Whether to compute the stiffness too.
+        before : ndarray, (n, d), optional
+            Displacements one step of Newton's method before: then its pressures take the stiffness, (10a).
         """
         data = np.zeros(len(self.pattern.keys)) if with_stiffness else _NO_DATA
         inner = np.zeros_like(u)
@@ -134,7 +138,7 @@ class Part:
             (self.material.law, self.shared),
             mesh.cells,
             (self.slope, self.hoop, self.volume),
-            u,
+            (u, u if before is None else before),
             inner,
             (self.pattern.cells, data),
         )

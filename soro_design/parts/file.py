@@ -208,8 +208,8 @@ def _check_shape(geometry: Geometry, where: str) -> None:
 def _check_mesh(geometry: MeshGeometry, where: str) -> None:
     if not Path(geometry.file).is_file():
         raise ConfigError(where, "geometry.file", geometry.file, "a file that exists, beside the part file")
-    if geometry.is_step and geometry.largest_m is None:
-        allowed = "the greatest edge of a tetrahedron [m]; a STEP file needs it"
+    if (geometry.is_step or geometry.is_surface) and geometry.largest_m is None:
+        allowed = "the greatest edge of a tetrahedron [m]; a STEP or STL file needs it"
         raise ConfigError(where, "geometry.largest_m", None, allowed)
     if geometry.is_step and geometry.space != "solid":
         raise ConfigError(where, "geometry.space", geometry.space, "solid; a STEP file is one")

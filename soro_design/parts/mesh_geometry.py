@@ -21,7 +21,7 @@ class Region(Strict):
     Of a closed surface inside the mesh a region has those faces alone.
     """
 
-    group: Annotated[str, Field(description="a named group of the file; default: any")] = ""
+    group: Annotated[str, Field(description="a named set of the file; default: any")] = ""
     x_m: Annotated[
         Between | None, Field(description="least and greatest x, of a part about an axis its radius")
     ] = None
@@ -89,17 +89,20 @@ class Moved(Strict):
 
 
 class MeshGeometry(Strict):
-    """A mesh of a file (extra `design`; STEP: extra `mesh`), and what acts where."""
+    """A mesh of a file (extra `design`; STEP and STL: extra `mesh`), and what acts where."""
 
     kind: Annotated[Literal["mesh"], Field(description="a mesh of a file")]
     file: Annotated[
         str,
-        Field(min_length=1, description="beside the part file: .msh, .vtu, what else meshio reads; .step"),
+        Field(
+            min_length=1,
+            description="beside the part file: .msh, .vtu, what else meshio reads; .step, .stl",
+        ),
     ]
     space: Annotated[Space, Field(description="of a STEP file, solid")] = "solid"
     unit_m: Annotated[float, Field(gt=0.0, description="unit of the file; a STEP file states its own")] = 1.0
     largest_m: Annotated[
-        float | None, Field(gt=0.0, description="greatest edge of the tetrahedra of a STEP file")
+        float | None, Field(gt=0.0, description="greatest edge of the tetrahedra of a STEP or STL file")
     ] = None
     regions: Annotated[dict[Name, Region], Field(description="by name")]
     held: Annotated[tuple[FixedNodes, ...], Field(strict=False, description="what does not move")]
@@ -113,6 +116,11 @@ class MeshGeometry(Strict):
     def is_step(self) -> bool:
         """Whether the file is a STEP file."""
         return self.file.lower().endswith((".step", ".stp"))
+
+    @property
+    def is_surface(self) -> bool:
+        """Whether the file is an STL of the surface of a solid."""
+        return self.file.lower().endswith(".stl") and self.space == "solid"
 
     def beside(self, part: Path) -> MeshGeometry:
         """Return it with the whole paths of its files, which lie beside a part file."""

@@ -10,7 +10,7 @@ from soro_core.arrays import Integers
 from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import EquilibriumState
 from soro_design.fem.loads import no_loads, spread_force
-from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, read_mesh
+from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, mesh_stl, read_mesh
 from soro_design.fem.part import Part
 from soro_design.parts.bare import bare_part
 from soro_design.parts.file import LoadSweep, PartFile
@@ -89,10 +89,12 @@ def read_part_mesh(geometry: MeshGeometry) -> MeshFile:
     MissingPackageError
         If meshio or netgen is not installed.
     """
-    if not geometry.is_step:
+    if not (geometry.is_step or geometry.is_surface):
         return read_mesh(geometry.file, geometry.space, geometry.unit_m)
     assert geometry.largest_m is not None  # checked when the part is loaded
-    return MeshFile(mesh_step(geometry.file, geometry.largest_m), {})
+    if geometry.is_step:
+        return MeshFile(mesh_step(geometry.file, geometry.largest_m), {})
+    return MeshFile(mesh_stl(geometry.file, geometry.largest_m, geometry.unit_m), {})
 
 
 def mesh_specimen(file: PartFile, geometry: MeshGeometry) -> MeshSpecimen:

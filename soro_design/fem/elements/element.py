@@ -155,6 +155,22 @@ def _simplex_points(points: int, nodes: Array) -> tuple[Array, Array]:
     return np.concatenate(xi), volume * np.repeat([w for _, w in _SIMPLEX_POINTS[points]], d + 1)
 
 
+@cache
+def mean_products(kind: str) -> Array:
+    """Return the means of N_a N_b over a tetrahedron with straight edges (n, n).
+
+    Its points of integration are fewer than its nodes, so that a mass by them is singular.
+    """
+    nodes = element(kind).nodes
+    # A cube collapsed to a tetrahedron, by Duffy: exact to degree 4 with 4 points a direction.
+    at, weight = _gauss(4, 3)
+    u, v, w = 0.5 * (at.T + 1.0)
+    xi = np.stack([u, v * (1.0 - u), w * (1.0 - u) * (1.0 - v)], axis=1)
+    shape = shapes(nodes, xi)[0]
+    share = weight * (1.0 - u) ** 2 * (1.0 - v)
+    return np.asarray(np.einsum("g,ga,gb->ab", share / share.sum(), shape, shape))
+
+
 def _faces(nodes: Array, face: str) -> np.ndarray:
     """Nodes of the faces, of a cube xi_k = -1 and 1 of each direction, turned outwards."""
     if not face:

@@ -86,7 +86,8 @@ def make_mesh(kind: str, space: Space, points: ArrayLike, cells: ArrayLike) -> M
         One line that names the element that is inverted, degenerate or there twice, or what else is wrong.
     """
     if kind not in SOLIDS:
-        raise ModelError(f"kind {kind!r}; allowed: {', '.join(SOLIDS)}", "kind")
+        why = ", which locks without nodes in the middles of edges" if kind == "tet4" else ""
+        raise ModelError(f"kind {kind!r}{why}; allowed: {', '.join(SOLIDS)}", "kind")
     places = np.array(points, dtype=float)
     if np.asarray(cells).dtype.kind not in "iu":
         raise ModelError(f"cells of type {np.asarray(cells).dtype}; allowed: whole numbers", "cells")

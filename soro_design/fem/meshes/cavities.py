@@ -18,7 +18,7 @@ from soro_design.fem.meshes.surface import edges_of, pieces
 # Of a face, over the square root of its area: how far into the air the point is that has to lie in an STL.
 _INTO_AIR = 0.1
 # Faces times triangles that are looked at together.
-_TOGETHER = 2_000_000
+_TOGETHER = 300_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +45,7 @@ def inner_surfaces(mesh: Mesh) -> list[InnerSurface]:
     found = []
     for own in _joined(faces, mesh.points.shape[1]):
         volume = -_enclosed(mesh, own)
-        if volume > 0.0 and _is_closed(mesh, own):
+        if volume > 0.0:  # a boundary closes, but where it meets the axis
             found.append(InnerSurface(own, volume))
     return sorted(found, key=lambda one: -one.volume)
 
@@ -119,14 +119,6 @@ def _joined(faces: Integers, d: int) -> list[Integers]:
     joined = coo_array((np.ones(len(face)), (face, len(faces) + number.ravel())), shape=(size, size))
     groups, label = connected_components(joined, directed=False)
     return [own for k in range(groups) if len(own := faces[label[: len(faces)] == k])]
-
-
-def _is_closed(mesh: Mesh, faces: Integers) -> bool:
-    """Whether faces that hang together end nowhere, but on the axis; those of a solid always close."""
-    if mesh.space != "axisymmetric":
-        return True
-    ends, count = np.unique(faces[:, :2], return_counts=True)
-    return bool((mesh.points[ends[count == 1], 0] == 0.0).all())
 
 
 def _corners(mesh: Mesh, faces: Integers) -> Array:

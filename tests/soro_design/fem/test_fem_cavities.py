@@ -87,6 +87,19 @@ def test_a_point_in_the_air_chooses_its_surface():
             surface_around(mesh, found, outside)
 
 
+def test_of_nested_surfaces_the_inmost_is_chosen():
+    """A hollow body in the air of another one."""
+    slabs = [[(10, 60)] * 3 for _ in range(6)]
+    for k, slab in enumerate(slabs):
+        slab[k % 3] = (10, 20) if k < 3 else (50, 60)
+    boxes = [tuple(zip(*slab, strict=True)) for slab in (*slabs, [(30, 40)] * 3)]
+    mesh = without("hex8", (70, 70, 70), (7, 7, 7), boxes)
+    found = inner_surfaces(mesh)
+    assert [one.volume for one in found] == pytest.approx([1e-9 * 50**3, 1e-9 * 10**3])
+    assert surface_around(mesh, found, (0.035, 0.035, 0.035)) is found[1].faces
+    assert surface_around(mesh, found, (0.015, 0.035, 0.035)) is found[0].faces
+
+
 def test_an_stl_of_other_triangles_chooses_its_surface(tmp_path):
     mesh = without("tet10", SIZE, COUNTS, CAVITIES)
     cavity = block("hex8", "solid", (3, 5, 7), (0.02, 0.02, 0.02))

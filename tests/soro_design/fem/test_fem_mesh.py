@@ -128,6 +128,11 @@ def test_what_is_refused(arguments, key):
         make_mesh(*arguments)
 
 
+def test_a_tetrahedron_of_four_nodes_says_why():
+    with fails(ModelError, "locks", "tet10", key="kind"):
+        make_mesh("tet4", "solid", POINTS, CELLS)
+
+
 def test_a_mesh_is_frozen():
     mesh = block("quad4", "plane_strain", (1, 1), (1.0, 1.0))
     with pytest.raises(ValueError, match="read-only"):

@@ -1,4 +1,4 @@
-"""Topology optimisation driven by pressure: the linear arch, a bellow on two grids, and the other tasks, one in space."""
+"""Topology optimisation driven by pressure: the linear arch, a bellow on two grids, and the other tasks."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ ARCH = {(100, 50): 16.9, (200, 100): 14.4}
 # Most minutes of the processor.
 BELLOW_MIN = {(100, 50): 2.0, (200, 100): 6.0}
 # Other tasks, and those of them whose own mesh has a target.
-OTHERS, AGREEING = ("disc", "gripper", "pneunet", "box"), ("disc", "pneunet", "box")
+OTHERS, AGREEING = ("disc", "gripper", "pneunet"), ("disc", "pneunet")
 MOTION_MM, GRIDS_AGREE, GREYNESS, OWN_MESH_AGREES, STROKE_MM = 2.4, 0.02, 0.08, 0.05, 7.0
 
 
@@ -63,7 +63,7 @@ def topology(options: Options) -> tuple[str, str]:
         rows += _others_rows(name, _optimised(load_task(name), name, options))
     return TITLE, (
         f"{table(('case', '', 'found', 'target', ''), rows)}\n\n"
-        "Tasks: those of `config/design`. Disc, gripper, PneuNet and box move the wanted way where their motion "
+        "Tasks: those of `config/design`. Disc, gripper and PneuNet move the wanted way where their motion "
         "is positive. Times are those of one core, kernels compiled. "
         "Own mesh: the part cut along the contour of its densities, computed by `soro_design.fem` "
         "([how](../docs/design.md))."

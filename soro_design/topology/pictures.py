@@ -121,7 +121,9 @@ def _solid(axes: Any, domain: Domain, found: FinalPart, u: Array | float) -> Non
     for faces, colour in kinds:
         rest = [face for face in faces[:, :3].tolist() if tuple(sorted(face)) not in drawn]
         drawn |= {tuple(sorted(face)) for face in rest}
-        shown = Poly3DCollection(list(at[np.array(rest, dtype=int).reshape(-1, 3)]), shade=True, color=colour)
+        shown = Poly3DCollection(
+            list(at[np.array(rest, dtype=int).reshape(-1, 3)]), shade=True, facecolors=colour
+        )
         axes.add_collection3d(shown)
     low, high = np.zeros(3), 1.4e3 * np.array(domain.task.size_m)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]), zlabel="z [mm]")

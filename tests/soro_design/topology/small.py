@@ -1,5 +1,7 @@
 """Small tasks for tests: a bellow of 24 x 12 elements, and the eighth of a box that air is to lengthen."""
 
+from pathlib import Path
+
 from soro_core.config import config_folder, read_yaml
 from soro_design.topology import task_from_dict
 
@@ -17,8 +19,8 @@ def bellow(**changes):
 
 
 def box(**changes):
-    """Return the shipped bellow in space on a coarse grid; other keys replace some of it."""
-    data = read_yaml(config_folder() / "design" / "box.yaml")
-    data |= {"cells": [6, 5, 6], "filter_radius_m": 0.003}
+    """Return the task of box.yaml on a coarse grid, from grey everywhere; other keys replace some of it."""
+    data = read_yaml(Path(__file__).with_name("box.yaml"))
+    data |= {"cells": [6, 5, 6], "filter_radius_m": 0.003, "start": []}
     data["schedule"] |= {"iterations": 3, "ramp": 2, "pressure_pa": [5e2, 1e3], "sharpness": [2.0]}
     return task_from_dict(data | changes)

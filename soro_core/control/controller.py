@@ -113,7 +113,9 @@ class Controller(GivenReferences):
             ),
             options_of(self.config.law, self.config.law_options),
         )
-        self.limit_cycles = LimitCycleWatch(self.arm, model.links, self.pressures.preview_s)
+        self.limit_cycles = LimitCycleWatch(
+            self.arm, model.links, self.pressures.preview_s, self.config.gains.automatic
+        )
         known = self.pressures
         self._nothing = np.zeros(self.arm.n_u)
         self.force_loop = ForceLoop(self.arm, self.fields, self.gains.k_p, self.limit, config.force)
@@ -263,9 +265,9 @@ class Controller(GivenReferences):
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:
-            regulators = self.observer.observe(regulators, measured, dt, part)
+            regulators = self.observer.observe(regulators, measured, dt, min(part, 1.0))
         inner, desired, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
-        if part < 1.0:
+        if part != 1.0:
             terms, desired = lowered(terms, desired, part)
         transfer, desired = apply_transfer(state.transfer, desired, dt)
         desired = desired + self.force_loop.push(force, ahead.ahead.q)

@@ -20,7 +20,7 @@ from soro_core.control.controller import Controller
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.limit_cycle import LimitCycleWatch, no_limit_cycle
 from soro_core.control.laws.registry import options_of
-from soro_core.control.motions.references import check_configured, configured_reference
+from soro_core.control.motions.references import check_configured, chosen_elongation, configured_reference
 from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, with_own_range
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.reference.active_reference import reference_ahead
@@ -125,6 +125,7 @@ def _with_keys(controller: Controller, config: ControllerConfig, pressures: Comp
     if _moves_otherwise(before, config):
         new.configured = configured_reference(new.arm, new.bounds, config, new.pressures)
         check_configured(new.bounds, new.configured)
+        new.chosen = chosen_elongation(new.arm, new.fields, config.reference, new.configured)
     setting = replace(
         new.law.setting,
         gains=new.gains,

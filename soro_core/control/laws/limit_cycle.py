@@ -20,12 +20,14 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from soro_core.adaptation.modes import first_mode
 from soro_core.adaptation.scales import scales_of
 from soro_core.arrays import Array
 from soro_core.control.control_monitor import DEFICIT_PA, DEFICIT_S
 from soro_core.control.laws.protocol import ArmBelief, Terms
 from soro_core.errors import ConfigError
 from soro_core.frozen import replaced
+from soro_core.robot.coordinates import strain_fields
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
@@ -48,9 +50,10 @@ _EVEN_PART, _LASTS_PART = 0.6, 0.9
 _HARMONICS = 3.5
 # Factor on the feedback at each detection, and the least part of it that is left.
 _LOWERED, _LEAST_PART = 0.5, 1.0 / 16.0
-# An error beyond this, in units of q, that has grown for this time [s] without turning; factor on the
-# feedback then. Arms that are held come back from less, and slopes that come into force move one for 0.1 s.
-_FAR_Q, _GROWS_S, _RAISED = 0.4, 0.15, 3.0
+# An error beyond this, in units of q, that has grown without turning while the first bending mode turns by so
+# much [rad]; factor on the feedback then. The three-bellow arm has 0.15 s: one that is held comes back from
+# less, and slopes that come into force move it for 0.1 s.
+_FAR_Q, _GROWS_RAD, _RAISED = 0.4, 6.0, 3.0
 # Time from then on in which no swing is judged [s]: until slopes are in force, W stands for them, and makes
 # the arm swing at any gains (docs/adr/0063).
 _LEARNS_S = 5.0
@@ -147,13 +150,13 @@ class LimitCycleWatch:
     acts_after_s : float
         Time until a set point acts [s]: no half swing of the loop is shorter.
     raises : bool
-        Whether the feedback of an arm that runs away is raised: that of automatic gains, not of stated ones.
+        Whether the feedback of a standing arm that runs away is raised: that of automatic gains alone.
     """
 
     def __init__(
         self, arm: SoftArm, pieces: int = 1, acts_after_s: float = 0.0, raises: bool = False
     ) -> None:
-        self.acts_after_s, self.raises = acts_after_s, raises
+        self.acts_after_s = acts_after_s
         try:
             scales = scales_of(arm, pieces)
         except ConfigError:
@@ -162,6 +165,13 @@ class LimitCycleWatch:
             self.units = scales.q, scales.force
             self.back_part, back_q = np.repeat([_BACK_PART, _BACK_LEAST], scales.q.size, axis=1)
             self.back_q = _LEAST_Q * back_q
+            mode = first_mode(arm, stretch=False)
+            self.grows_s = math.inf if mode is None else _GROWS_RAD / mode.rate_per_s
+            # A load holds a hanging arm: it swings, and does not run away.
+            still = np.zeros(arm.n_q)
+            bent = np.where(strain_fields(arm.robot).stretch, 0.0, 0.1 * scales.q)
+            stands = float(bent @ arm.tip_mass_force(bent, still, still)) < 0.0
+            self.raises = raises and stands
 
     def step(
         self,
@@ -205,7 +215,7 @@ class LimitCycleWatch:
         is_judged = not (starts or has_jumped or is_pushed or is_short.any())
         is_far = is_judged & (state.side * signal > _FAR_Q)[:n] & ~turned[:n]
         far_s = np.where(is_far, state.far_s + dt, 0.0)
-        if self.raises and part == 1.0 and (is_out[:n] & (far_s > _GROWS_S)).any():
+        if self.raises and part == 1.0 and (is_out[:n] & (far_s > self.grows_s)).any():
             part, raised_s = _RAISED, t_s
             note = f"the arm ran away: feedback raised to {part:.2g} times its gains"
         after = replaced(

@@ -26,8 +26,9 @@ MASS_KG = 0.03
 # Fingers close in 0.6 s, the table sinks from 1 s on, and a pull of 0.5 N/s begins.
 CLOSED_S, LOWERED_S, PULLED_S = 0.6, 1.0, 1.6
 OBJECTS = ("ball", "cylinder")
-# By the number of links: radius of the object, and how far its centre is above the place of the tips [m].
-RADIUS_M, ABOVE_M = {1: 0.016, 2: 0.021}, {1: 0.004, 2: 0.02}
+# By the number of links: radius of the object, how far its centre is above the place of the tips [m], and the
+# pressure. From 55 kPa on, two links push harder than they are stiff sideways: the object turns out of them.
+RADIUS_M, ABOVE_M, CLOSED_PA = {1: 0.016, 2: 0.021}, {1: 0.004, 2: 0.02}, {1: 60e3, 2: 45e3}
 
 
 def run(options: Options) -> str:
@@ -66,7 +67,7 @@ def grasp(world: BodyWorld, t_end: float, dt: float, pull_n_s: float = 0.0) -> W
 
     def close(t: float) -> np.ndarray:
         pressure = np.zeros(next(iter(world.arms.values())).n_u)
-        pressure[::3] = 60e3 * min(t / CLOSED_S, 1.0)
+        pressure[::3] = CLOSED_PA[len(pressure) // 3] * min(t / CLOSED_S, 1.0)
         return pressure
 
     result = simulate_world(

@@ -14,7 +14,6 @@ PARTS: tuple[Callable[[Options], tuple[str, str]], ...] = (
     design_fem.closed_forms,
     design_fem.paths_and_motion,
     design_fem.three_bellow_part,
-    design_fem.times,
     design_topology.topology,
     design_identified.identified,
 )

@@ -1,4 +1,4 @@
-"""Parts of section `design` on finite elements: cases of tests/soro_design/fem, and times of larger ones."""
+"""Parts of section `design` on finite elements: cases of tests/soro_design/fem."""
 
 from __future__ import annotations
 
@@ -8,15 +8,12 @@ import numpy as np
 
 from benchmarks.options import Options
 from benchmarks.report import figure, table
-from benchmarks.timing import CLOCK
-from soro_design.fem import Contact, Mesh, Part, block, load_material, make_part, no_loads, solve, tube
-from soro_design.fem.solve import linear
+from soro_design.fem import Contact
 from tests.soro_design.fem import closed_forms as closed
 from tests.soro_design.fem import moving_parts as moving
 from tests.soro_design.fem.three_bellow import THESIS, forces
 
 HEAD = ["case", "expected", "found", "off by"]
-LARGE = "block pulled, hex8"
 
 
 def closed_forms(options: Options) -> tuple[str, str]:
@@ -99,62 +96,6 @@ def three_bellow_part(options: Options) -> tuple[str, str]:
         for (x, each), found in zip(THESIS.items(), forces(), strict=True)
     ]
     return "Force of the three-bellow part", table(["mm", "thesis, N", "found, N", "off by"], rows)
-
-
-def times(options: Options) -> tuple[str, str]:
-    """Time of a pressure on a section and on a solid; with pardiso, of a large solid by both solvers."""
-    rows, radii = [], (4e-3, 12e-3)
-    n = options.pick(1, 8)
-    parts = {
-        "tube in plane strain, quad4": pressed(tube("quad4", (32 // n, 128 // n), radii)),
-        "tube, hex8": pressed(tube("hex8", (8 // n, 24 // n, 24 // n), radii, 24e-3)),
-    }
-    solvers = {name: ["SuperLU"] for name in parts}
-    if find_spec("pypardiso"):
-        parts[LARGE] = pulled(block("hex8", "solid", (17 // n,) * 3, (1e-2,) * 3))
-        solvers[LARGE] = ["SuperLU", "pardiso"]
-    for name, part in parts.items():
-        for solver in solvers[name]:
-            options.say(f"{name}, {solver}")
-            rows.append([name, part.mesh.points.size, *timed(part, solver)])
-    head = ["case", "displacements", "solver", "load steps", "iterations", "s"]
-    without = (
-        ""
-        if find_spec("pypardiso")
-        else "\n\nWithout pardiso, which was not installed, and so without a large solid."
-    )
-    return "Times", table(head, rows) + without
-
-
-def timed(part: Part, solver: str) -> list[object]:
-    """Solve a part with a solver."""
-    many, done = linear.MANY, []
-    linear.MANY = many if solver == "pardiso" else 10**9
-    try:
-        seconds = CLOCK.time(lambda: done.append(solve(part)))
-    finally:
-        linear.MANY = many
-    return [solver, done[0].steps, done[0].iterations, figure(seconds)]
-
-
-def pressed(mesh: Mesh) -> Part:
-    """A quarter of a tube of silicone under 20 kPa inside."""
-    x, y = mesh.points.T[:2]
-    inside = mesh.faces_at(np.abs(np.hypot(x, y) - 4e-3) < 1e-9)
-    loads = no_loads(mesh).hold(y == 0.0, 1).hold(x == 0.0, 0)
-    if mesh.space == "solid":
-        z = mesh.points[:, 2]
-        loads = loads.hold((z == 0.0) | (z == z.max()), 2)
-    return make_part(mesh, load_material("dragonskin_10"), loads.press(inside, 20e3))
-
-
-def pulled(mesh: Mesh) -> Part:
-    """A block of silicone pulled to twice its length between plates that it sticks to."""
-    z = mesh.points[:, 2]
-    loads = no_loads(mesh)
-    for k in range(3):
-        loads = loads.hold((z == 0.0) | (z == z.max()), k)
-    return make_part(mesh, load_material("dragonskin_10"), loads.hold(z == z.max(), 2, z.max()))
 
 
 def balloon_limit() -> float:

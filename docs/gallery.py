@@ -20,6 +20,7 @@ from soro_lab.scene import Scene
 from soro_lab.scene.load import scenes_in, shipped_folder
 from soro_ros.pictures import film, panels
 from soro_ros.recordings import report
+from soro_ros.recordings.bodies.tracks import tracks_of
 
 HERE = Path(__file__).parent
 PICTURES = HERE / "images" / "gallery"
@@ -43,10 +44,9 @@ Each [scene](README.md) is a file to run, read and change; the comment at its to
     soro scenes set_points > my_scenes/mine.yaml     # a copy to change
     soro scenes --folder my_scenes                   # lists it
 
-The pictures show the arm at the end of its run (colours are pressures, grey is the reference of the tip, red
-its path), the path of its true tip from above, the pressures or the force at the tip, and the distance of the
-tip from its reference. Below are the verdict, and the tip error of the last 5 s (RMS), also in % of the
-length of the arm.
+The pictures show the arm at the end of its run (colours: pressures; grey: reference of the tip; red: its
+path), the path of its true tip from above, the pressures or the force at the tip, and its distance from the
+reference. Below: the verdict, the tip error of the last 5 s (RMS), also in % of the arm's length.
 """
 
 
@@ -92,7 +92,8 @@ def draw_error(axis: Any, shown: film.Take) -> None:
 def draw(scene: Scene, run_folder: Path) -> None:
     """Draw the arm of a run, the path of its tip, and its error or its pressures, small enough for a page."""
     file, bag = PICTURES / f"{scene.name}.png", run_folder / "bag"
-    shown, *others = (film.take(bag, arm, 0.0, scene.duration_s, 10.0) for arm in scene.each)
+    bodies = list(tracks_of(bag, scene, f"/{scene.each[0].name}/arm/desired/tip").values())
+    shown, *others = (film.take(bag, arm, 0.0, scene.duration_s, 10.0, bodies) for arm in scene.each)
     pictures = [film.AnimatedFigure(one, 800).at(len(one.t) - 1) for one in (shown, *others)]
     beside = np.hstack([one[:, : int(ARM_PART * one.shape[1])] for one in pictures])
     figure = plt.figure(figsize=(12.0, 3.8), layout="constrained")

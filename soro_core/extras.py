@@ -69,6 +69,7 @@ PACKAGES = {
     "parquet": ("pyarrow",),
     "design": ("ipctk", "meshio"),
     "mesh": ("netgen",),
+    "multigrid": ("pyamg",),
     "pardiso": ("pypardiso",),
     "view": ("viser", "websockets", "msgspec"),
 }

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import math
+from itertools import pairwise
 from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from soro_core.arrays import Array
-from soro_core.bodies.stepping.records import BALL, BOX, CAPSULE, CYLINDER, GROUND
-from soro_core.config import Strict
+from soro_core.config import Floats, Points, Strict
+from soro_core.robot import BaseState
 from soro_core.robot.vectors import Quaternion, Vector3
 from soro_core.rotation import matrix_from_quaternion
 
@@ -26,9 +27,9 @@ class BallShape(Strict):
     kind: Literal["ball"] = Field("ball", description="the word for it in a file")
     radius: _Length = Field(description="[m]")
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
-        return BALL, (self.radius, 0.0, 0.0), self.radius
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
+        return (self.radius, 0.0, 0.0), self.radius
 
     def inertia_per_mass(self) -> Array:
         """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
@@ -42,9 +43,9 @@ class CapsuleShape(Strict):
     radius: _Length = Field(description="[m]")
     length: _Length = Field(description="of the cylinder, without the half balls [m]")
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
-        return CAPSULE, (self.radius, 0.5 * self.length, 0.0), self.radius + 0.5 * self.length
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
+        return (self.radius, 0.5 * self.length, 0.0), self.radius + 0.5 * self.length
 
     def inertia_per_mass(self) -> Array:
         """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
@@ -61,10 +62,10 @@ class CylinderShape(Strict):
     radius: _Length = Field(description="[m]")
     length: _Length = Field(description="[m]")
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
         half = 0.5 * self.length
-        return CYLINDER, (self.radius, half, 0.0), math.hypot(self.radius, half)
+        return (self.radius, half, 0.0), math.hypot(self.radius, half)
 
     def inertia_per_mass(self) -> Array:
         """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
@@ -85,10 +86,10 @@ class BoxShape(Strict):
             raise ValueError(f"three lengths of {_SMALL:g} to {_LARGE:g} m")
         return value
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
         half = tuple(0.5 * one for one in self.size)
-        return BOX, half, math.hypot(*half)
+        return half, math.hypot(*half)
 
     def inertia_per_mass(self) -> Array:
         """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
@@ -101,9 +102,9 @@ class GroundShape(Strict):
 
     kind: Literal["ground"] = Field("ground", description="the word for it in a file")
 
-    def extents(self) -> tuple[int, tuple[float, ...], float]:
-        """Return kind, sizes and bounding radius for the kernels."""
-        return GROUND, _ZERO, 0.0
+    def extents(self) -> tuple[tuple[float, ...], float]:
+        """Return sizes and bounding radius for the kernels."""
+        return _ZERO, 0.0
 
     def inertia_per_mass(self) -> Array:
         """Zeros: it does not turn."""
@@ -134,6 +135,43 @@ class Hinge(Strict):
         return value
 
 
+class BodyMotion(Strict):
+    """Where a fixed body goes: smoothly from one place to the next, with rest at each; it does not turn."""
+
+    at_s: Floats = Field((), description="times, increasing; in a scene after the begin of control [s]")
+    displacement_m: Points = Field((), description="from its position at each time: x, y, z in the world [m]")
+
+    @model_validator(mode="after")
+    def _rows(self) -> BodyMotion:
+        n = len(self.at_s)
+        if n < 1 or len(self.displacement_m) != 3 * n:
+            raise ValueError(
+                f"a row of displacement_m for each of one or more times, not {n} times and "
+                f"{len(self.displacement_m)} numbers"
+            )
+        if self.at_s[0] < 0.0 or any(late <= early for early, late in pairwise(self.at_s)):
+            raise ValueError("times of 0 or more that increase")
+        return self
+
+    def moves_within(self, start: float, end: float) -> bool:
+        """Whether it moves at some time between two [s]."""
+        return self.at_s[0] < end and start < self.at_s[-1]
+
+    def __call__(self, t: float) -> BaseState:
+        """Return the displacement at a time [s], with its rates."""
+        rows = np.reshape(self.displacement_m, (-1, 3))
+        k = int(np.searchsorted(self.at_s, t, side="right"))
+        if k == 0 or k == len(rows):
+            return BaseState(displacement=rows[min(k, len(rows) - 1)])
+        lasts = self.at_s[k] - self.at_s[k - 1]
+        x, way = (t - self.at_s[k - 1]) / lasts, rows[k] - rows[k - 1]
+        return BaseState(
+            displacement=rows[k - 1] + x * x * (3.0 - 2.0 * x) * way,
+            velocity=6.0 * x * (1.0 - x) / lasts * way,
+            acceleration=(6.0 - 12.0 * x) / lasts**2 * way,
+        )
+
+
 class RigidBody(Strict):
     """A rigid body; its position is that of its centre, which is its centre of mass."""
 
@@ -148,6 +186,7 @@ class RigidBody(Strict):
     angular_velocity: Vector3 = Field(_ZERO, description="at the start, in the world [rad/s]")
     fixed: bool = Field(False, description="held in the world, or driven by a motion")
     hinge: Hinge | None = Field(None, description="default: free")
+    motion: BodyMotion | None = Field(None, description="of a fixed body; default: at rest")
     friction: float = Field(0.5, ge=0, le=10, description="coefficient; of two bodies the smaller one holds")
     restitution: float = Field(0.0, ge=0, le=1, description="speed after a bounce over that before")
 
@@ -162,6 +201,8 @@ class RigidBody(Strict):
     def _held(self) -> RigidBody:
         if self.fixed and self.hinge is not None:
             raise ValueError("hinge or fixed, not both")
+        if self.motion is not None and not self.fixed:
+            raise ValueError("a motion beside fixed: true alone")
         if isinstance(self.shape, GroundShape) and not self.fixed:
             raise ValueError("a ground with fixed: true")
         if not self.fixed and self.mass is None:

@@ -170,8 +170,8 @@ def simulate_world(
         Torque [N m] and force [N] on bodies that are not fixed, in the world, about their centres: constant,
         or a function of the time, taken in the middle of each step.
     motions : mapping of str to callable, optional
-        Motion of fixed bodies and of the bases of arms: `BaseState` as a function of time, as a `Shake`, of
-        its displacement and rotation from the pose in the world.
+        Motion of fixed bodies, in place of their own, and of the bases of arms: `BaseState` as a function of
+        time, as a `Shake`, of its displacement and rotation from the pose in the world.
 
     Returns
     -------
@@ -184,7 +184,8 @@ def simulate_world(
         If an argument is not allowed, or bodies overlap at the start.
     """
     require(world, BodyWorld, "world", "a BodyWorld")
-    pressures, wrenches, motions, starts = pressures or {}, wrenches or {}, motions or {}, world.q0
+    pressures, wrenches, starts = pressures or {}, wrenches or {}, world.q0
+    motions = {**world.motions, **(motions or {})}
     _refuse_unknown(world, {"pressures": pressures, "q0": starts, "wrenches": wrenches, "motions": motions})
     driven = {name: base for name, base in motions.items() if name in world.bodies}
     bases = {name: base for name, base in motions.items() if name in world.arms}
@@ -209,15 +210,9 @@ def simulate_world(
             start = finite(shaped(starts[name], (arm.n_q,), f"q0: {name}", name), f"q0: {name}")
             q[0, built.first_q[i] : built.first_q[i + 1]] = start
             arm.damping_force(start, np.zeros(arm.n_q))  # refuses a collapsed start
-    inputs = _body_inputs(world, times, wrenches, driven, rows)
+    inputs = body_inputs(world, times, wrenches, driven, rows)
     run = (times, np.ascontiguousarray(np.concatenate(tables, axis=2)), inputs, built.radius)
-    last, code, blame, contacts = _run(built, run, (q, v, z), rows)
-    if code == OVERLAP:
-        names = [world.side_name(side, built.piece_of) for side in sorted(blame[:2])]
-        text = f"{names[0]} and {names[1]} overlap at the start by {-1e3 * blame[2]:.4g} mm"
-        raise ModelError(f"{text}; allowed are surfaces that do not", names[0])
-    status = _describe(code, world, built, (times[last], q[last]), blame)
-    return _result(world, built, (times[: last + 1], q, v, z), rows, contacts, status)
+    return run_rows(world, built, run, (q, v, z), rows)
 
 
 def _refuse_unknown(world: BodyWorld, given: Mapping[str, Mapping[str, object]]) -> None:
@@ -239,7 +234,7 @@ def _refuse_unknown(world: BodyWorld, given: Mapping[str, Mapping[str, object]])
         require(motion, Callable, f"motions: {name}", "a function that gives a BaseState")
 
 
-def _body_inputs(
+def body_inputs(
     world: BodyWorld, times: Array, wrenches: Mapping[str, Input], driven: Mapping[str, Base], rows: BodyRows
 ) -> Array:
     """Wrenches of bodies, or twists of those that are driven, over each step, (n_t, n_b, 6)."""
@@ -278,27 +273,50 @@ def _body_inputs(
     return inputs
 
 
-def _run(
+def run_rows(
+    world: BodyWorld,
     built: WorldBoxes,
     given: tuple[Array, Array, Array, Array],
     states: tuple[Array, Array, Array],
     bodies: BodyRows,
-) -> tuple[int, int, Array, tuple[Array, Integers]]:
-    """Run, with more room for contacts where it ends; gives last row, code, sides to blame, contacts."""
+    goes_on: bool = False,
+) -> WorldResult:
+    """Fill rows from their first ones, with more room for contacts where it ends.
+
+    Parameters
+    ----------
+    world, built : BodyWorld, WorldBoxes
+    given, states, bodies : tuple, tuple, BodyRows
+        As `world_run` takes them, without the least gap.
+    goes_on : bool
+        Whether the first rows are the last ones of another run with these boxes: they may overlap.
+
+    Raises
+    ------
+    ModelError
+        If surfaces overlap at the start of a run that does not go on.
+    """
     times, pressure, inputs, radius = given
-    contact, behind = np.zeros((_ROOM, CONTACT_WIDTH)), np.zeros(len(times), dtype=np.int64)
+    least, room = (-np.inf, len(times) * MOST_CONTACTS) if goes_on else (_TOUCHING, _ROOM)
+    contact, behind = np.zeros((room, CONTACT_WIDTH)), np.zeros(len(times), dtype=np.int64)
     blame = np.zeros(3)
     first = 0
     while True:
         part = slice(first, None)
         rows = (states[0][part], states[1][part], states[2][part])
-        run = (times[part], pressure[part], inputs[part], radius, _TOUCHING if first == 0 else -np.inf)
+        run = (times[part], pressure[part], inputs[part], radius, least if first == 0 else -np.inf)
         kept = (contact, behind[part], blame)
         last, code = world_run(built.boxes, run, rows, BodyRows(*(one[part] for one in bodies)), kept)
         first += last
         if code != FULL:
-            return first, code, blame, (contact, behind)
+            break
         contact = np.concatenate((contact, np.zeros_like(contact)))
+    if code == OVERLAP:
+        names = world.side_names(sorted(blame[:2]), built.piece_of)
+        text = f"{names[0]} and {names[1]} overlap at the start by {-1e3 * blame[2]:.4g} mm"
+        raise ModelError(f"{text}; allowed are surfaces that do not", names[0])
+    status = _describe(code, world, built, (times[first], states[0][first]), blame)
+    return _result(world, built, (times[: first + 1], *states), bodies, (contact, behind), status)
 
 
 def _describe(
@@ -309,20 +327,20 @@ def _describe(
     if code == GOOD:
         return OK
     if code == DEEP:
-        one, other = (world.side_name(side, built.piece_of) for side in sorted(blame[:2]))
+        one, other = world.side_names(sorted(blame[:2]), built.piece_of)
         return Status(
             f"{when} {one} and {other} have sunk {-1e3 * blame[2]:.4g} mm into each other, through the"
             " thinner one; use a smaller dt, or a larger stiffness"
         )
-    if code == AWAY:
-        name = world.side_name(blame[0], built.piece_of)
+    if code in (AWAY, TURNING):
+        name = world.side_names(blame[:1], built.piece_of)[0]
+        if code == TURNING:
+            return Status(f"{when} {name} turns too fast; use a smaller dt")
         return Status(f"{when} {name} has left the world, beyond its reach of {world.reach:g} m; hold it")
     if code == CROWDED:
         return Status(
             f"{when} more than {MOST_CONTACTS} contacts at a time; use fewer bodies or points_per_link"
         )
-    if code == TURNING:
-        return Status(f"{when} {world.side_name(blame[0], built.piece_of)} turns too fast; use a smaller dt")
     if code == SLIDING:
         return Status(f"{when} the impulses at the contacts did not converge; use a smaller dt or stiffness")
     if built.arms and q.size:

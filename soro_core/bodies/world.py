@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,14 +11,19 @@ from numpy.typing import ArrayLike
 
 from soro_core._box import Box
 from soro_core.arrays import Array, Integers
-from soro_core.bodies.body import RigidBody
+from soro_core.bodies.body import BodyMotion, RigidBody
 from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
     ARM,
     AXIS,
+    BALL,
+    BOX,
+    CAPSULE,
+    CYLINDER,
     DAMPER,
     DRIVEN,
     FREE,
+    GROUND,
     HIGH,
     HINGE_WIDTH,
     HINGED,
@@ -28,10 +33,9 @@ from soro_core.bodies.stepping.records import (
     ArmTables,
     BodyRows,
     BodyTables,
-    NoArms,
+    NoArm,
     address_in,
-    box_arms,
-    box_no_arms,
+    boxed,
     make_world,
 )
 from soro_core.errors import ModelError, short
@@ -45,6 +49,13 @@ from soro_core.robot import Robot
 from soro_core.robot.basis import radius_profile
 
 _EARTH = (0.0, 0.0, -9.81)
+_BOUNDS = (
+    ("stiffness", 1.0, 1e9),
+    ("arm_friction", 0.0, 10.0),
+    ("points_per_link", 1, 200),
+    ("reach", 0.0, 1e6),
+)
+_KINDS = {"ball": BALL, "capsule": CAPSULE, "cylinder": CYLINDER, "box": BOX, "ground": GROUND}
 
 
 @dataclass(frozen=True)
@@ -64,8 +75,12 @@ class BodyWorld:
         Of the bodies [m/s^2]; arms have their own.
     stiffness : float
         Normal force per depth at a contact [N/m]: surfaces are hard, this only keeps the forces unique.
+    touch_arms : bool
+        Whether arms touch each other and themselves; else they pass through each other.
+    arm_friction : float
+        Coefficient between arms; between an arm and a body that of the body holds.
     points_per_link : int
-        Pieces of an arm's link, each of which touches a body at its nearest place.
+        Pieces of an arm's link, each of which touches bodies and pieces at its nearest place.
     reach : float
         Distance from the origin beyond which a body has left the world [m].
 
@@ -80,6 +95,8 @@ class BodyWorld:
     q0: Mapping[str, ArrayLike] = field(default_factory=dict)
     gravity: Sequence[float] = _EARTH
     stiffness: float = 5e4
+    touch_arms: bool = True
+    arm_friction: float = 0.5
     points_per_link: int = 6
     reach: float = 10.0
 
@@ -94,12 +111,13 @@ class BodyWorld:
             require(arm, SoftArm, f"arms: {name}", "a SoftArm")
             if arm.method != "exact":
                 raise ModelError(f"arms: {name}: method {arm.method!r}; allowed is 'exact'", name)
-        if not self.bodies:
-            raise ModelError("bodies: there is none; allowed are one or more", "bodies")
+        if not self.bodies and not self.arms:
+            raise ModelError("bodies: there is none, and no arm; allowed are one or more", "bodies")
         tendons = {bool(arm.robot.tendons) for arm in self.arms.values()}
         if len(tendons) > 1:
             raise ModelError("arms: some have tendons; allowed are tendons on all of them or on none", "arms")
-        for key, low, high in (("stiffness", 1.0, 1e9), ("points_per_link", 1, 200), ("reach", 0.0, 1e6)):
+        require(self.touch_arms, bool, "touch_arms", "true or false")
+        for key, low, high in _BOUNDS:
             if not low <= number(getattr(self, key)) <= high:
                 raise ModelError(
                     f"{key} = {short(getattr(self, key))}: allowed are numbers from {low:g} to {high:g}", key
@@ -111,18 +129,24 @@ class BodyWorld:
         if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
             raise ModelError(f"gravity = {short(self.gravity)}: allowed are three numbers", "gravity")
 
-    def side_name(self, side: float, pieces: Sequence[str]) -> str:
-        """Return the name of one side of a contact.
+    @property
+    def motions(self) -> dict[str, BodyMotion]:
+        """The motions of the bodies that state one, by name."""
+        return {name: body.motion for name, body in self.bodies.items() if body.motion is not None}
+
+    def side_names(self, sides: Iterable[float], pieces: Sequence[str]) -> list[str]:
+        """Return the names of sides of a contact.
 
         Parameters
         ----------
-        side : float
+        sides : iterable of float
             Body, or -1 - section.
         pieces : sequence of str
             Arm of each section.
         """
-        k = int(side)
-        return f"body {list(self.bodies)[k]}" if k >= 0 else f"arm {pieces[-1 - k]}"
+        bodies = list(self.bodies)
+        names = [f"body {bodies[k]}" if k >= 0 else f"arm {pieces[-1 - k]}" for k in map(int, sides)]
+        return [name if name not in names[:k] else "itself" for k, name in enumerate(names)]
 
 
 @dataclass(frozen=True)
@@ -146,7 +170,7 @@ class WorldBoxes:
 def body_tables(world: BodyWorld) -> BodyTables:
     """Return the tables of the bodies of a world."""
     bodies = list(world.bodies.values())
-    extents = [body.shape.extents() for body in bodies]
+    extents = [(_KINDS[body.shape.kind], *body.shape.extents()) for body in bodies]
     hinge = np.zeros((len(bodies), HINGE_WIDTH))
     for row, body in zip(hinge, bodies, strict=True):
         if body.hinge is not None and body.mass is not None:
@@ -165,13 +189,13 @@ def body_tables(world: BodyWorld) -> BodyTables:
     motions = [DRIVEN if one.fixed else HINGED if one.hinge is not None else FREE for one in bodies]
     return BodyTables(
         kind=np.array([kind for kind, _, _ in extents], dtype=np.int64),
-        size=np.array([size for _, size, _ in extents], dtype=np.float64),
+        size=np.array([size for _, size, _ in extents], dtype=np.float64).reshape(-1, 3),
         bound=np.array([bound for _, _, bound in extents], dtype=np.float64),
         mass=np.array([one.mass or 1.0 for one in bodies], dtype=np.float64),
-        inertia=np.array([one.moments() for one in bodies]),
+        inertia=np.array([one.moments() for one in bodies]).reshape(-1, 3),
         motion=np.array(motions, dtype=np.int64),
         hinge=hinge,
-        at_zero=np.array([one.rotation for one in bodies]),
+        at_zero=np.array([one.rotation for one in bodies]).reshape(-1, 3, 3),
         friction=np.array([one.friction for one in bodies], dtype=np.float64),
         restitution=np.array([one.restitution for one in bodies], dtype=np.float64),
         gravity=np.array(world.gravity, dtype=np.float64),
@@ -201,21 +225,18 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
         Motions of the bases of arms by name, as of `simulate`.
     """
     arms = _alike(tuple(world.arms.values()))
-    n_b = len(world.bodies)
     width = max([6, *(arm.n_q for arm in arms)])
-    box = make_world(body_tables(world), float(world.stiffness), float(world.reach), (len(arms) + n_b, width))
+    box = make_world(body_tables(world), float(world.stiffness), float(world.reach), (len(arms), width))
     wider = WIDTH if bases else 0
     counts = [[0, arm.n_q, arm.n_internal, arm.n_u + wider] for arm in arms]
     first = np.cumsum([[0, 0, 0, 0], *counts], axis=0).astype(np.int64)
-    if not arms:
-        nothing, none = box_no_arms(NoArms(0)), np.zeros(1, dtype=np.int64)
-        return WorldBoxes((box, nothing, nothing), (), (), none, none, none, np.zeros(0), (), none)
     boxes = tuple(stepping(arm, base=bases.get(name)) for name, arm in zip(world.arms, arms, strict=True))
-    sites, radius, first_site = [], [], [0]
+    sites, arc, radius, first_site = [], [], [], [0]
     for arm in arms:
         for s in _sections(arm.robot, int(world.points_per_link)):
             site = find_site(arm.robot, arm.tables, s)
             sites.append(site)
+            arc.append(s)
             link = arm.robot.links[site.link]
             radius.append(radius_profile(link, np.array([site.place / link.length]))[0])
         first_site.append(len(sites))
@@ -236,19 +257,26 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
         shape=shape,
         rest=np.array([site.rest for site in sites], dtype=np.float64),
         radius=np.array(radius, dtype=np.float64),
+        arc=np.array(arc, dtype=np.float64),
+        friction=float(world.arm_friction),
+        touch_arms=bool(world.touch_arms),
         R=np.zeros((n, 3, 3)),
         p=np.zeros((n, 3)),
         columns=np.zeros((n, width, 6)),
+        piece=np.zeros((n, 4, 3)),
+        middle=np.zeros((n, 3)),
+        half=np.zeros(n),
+        acceleration=np.zeros((len(arms), width)),
         residual=np.zeros((len(arms), width)),
         change=np.zeros(len(arms)),
         failed=np.zeros(1, dtype=np.int64),
-        no_wrench=np.zeros(6 * (1 + max(len(arm.robot.wrench_places) for arm in arms))),
+        no_wrench=np.zeros(6 * (1 + max((len(arm.robot.wrench_places) for arm in arms), default=0))),
         base_twist=np.zeros((len(arms), 6)),
         base_place=np.zeros((len(arms), 3)),
     )
     names = tuple(name for name, k in zip(world.arms, np.diff(first_site), strict=True) for _ in range(k))
     return WorldBoxes(
-        (box, box_arms(tables), boxes[0]),
+        (box, boxed(tables), boxes[0] if boxes else boxed(NoArm(0))),
         arms,
         boxes,
         first[:, 1],

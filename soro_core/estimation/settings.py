@@ -25,19 +25,7 @@ from soro_core.robot.coordinates import StrainFields, strain_fields
 
 
 def settings_of(arm: SoftArm, config: EstimatorConfig, pieces: int, dt: float) -> FilterSettings:
-    """Return the settings of the filter of one arm.
-
-    Parameters
-    ----------
-    arm : SoftArm
-        Discretised model.
-    config : EstimatorConfig
-        Noise and limits.
-    pieces : int
-        Number of pieces into which each link is discretised.
-    dt : float
-        Time between two readings of the pressures [s].
-    """
+    """Return the settings of the filter of one arm; parameters as in `filter.Filter`."""
     fields, n = strain_fields(arm.robot), arm.n_q
     angle = np.where(fields.stretch, 1.0, fields.length)
     q_unit, force_unit = _units(arm, pieces)

@@ -139,13 +139,7 @@ def plan_around(
 def search_around(
     arm: SoftArm, start: ArrayLike, goal: ArrayLike, obstacles: Contacts, options: AroundOptions
 ) -> Planning[WayAround]:
-    """Find a way in steps of a few shapes; parameters as of `plan_around`.
-
-    Yields
-    ------
-    None
-        After each step.
-    """
+    """Find a way in steps of a few shapes; parameters as of `plan_around`."""
     margin_m, tolerance_m, most = options.margin_m, options.tolerance_m, options.shapes
     limit, near = options.limit, options.near
     require(arm, SoftArm, "arm", "a SoftArm")

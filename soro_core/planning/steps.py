@@ -7,6 +7,7 @@ from typing import TypeAlias, TypeVar
 
 Result = TypeVar("Result")
 Planning: TypeAlias = Generator[None, None, Result]
+"""Work that returns a result, and yields None after each step."""
 
 
 def finished(steps: Planning[Result]) -> Result:

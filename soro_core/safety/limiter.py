@@ -242,16 +242,7 @@ def reset(limits: Limits, state: SafetyState, now_ns: int) -> tuple[SafetyState,
     The source and the time stamp of that command stay, so that an older command is refused later. An arm that
     is still becoming empty does not keep the latch closed. An arm that has kept its pressure for too long
     does: a person has to examine it, and readings have to show that it is empty. So does a fault that still
-    stands, which would trip again at once.
-
-    Parameters
-    ----------
-    limits : Limits
-        Limits of commands and readings.
-    state : SafetyState
-        State before the call.
-    now_ns : int
-        Time of the limiter's clock [ns].
+    stands, which would trip again at once. Its parameters as in `slew`.
 
     Returns
     -------

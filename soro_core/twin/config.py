@@ -19,6 +19,8 @@ from soro_core.twin.push import SAME_S, Wall, WrenchChanges
 
 # Largest mass at the tip [kg].
 HEAVIEST_KG = 5.0
+# What 1,000 load cycles leave of the stiffness of a twin; assumed, to try how ageing is found.
+LEFT_BY_1000 = 0.99
 
 
 class SensorConfig(Strict):
@@ -120,6 +122,12 @@ class TwinSection(Strict):
     )
     wall: Wall = Field(Wall(), description="wall in its way, which estimator and controller do not know")
     stiffness_scale: float = Field(1.0, gt=0, le=10, description="true stiffness over the robot file's")
+    cycles: float = Field(
+        0.0,
+        ge=0,
+        le=1e6,
+        description="load cycles behind the true arm, each 1,000 of which have taken 1 % of its stiffness",
+    )
     damping_scale: float = Field(1.0, ge=0, le=10, description="true damping over the robot file's")
     gain_scale: float = Field(1.0, gt=0, le=10, description="true chamber gains over the robot file's")
     pose: SensorConfig = Field(SensorConfig(), description="pose sensors at sensors/pose0, pose1, ...")
@@ -192,6 +200,9 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
         description="which of the emulated valves feed the chambers, by number; empty: all, in their order",
     )
     fault_link: str = Field("", description="socket of the emulated valves that takes the faults of ~/fault")
+    bodies_file: str = Field(
+        "", description="file whose section bodies has what the arms touch; empty: nothing"
+    )
     priority: Priority = 10
 
     @model_validator(mode="after")
@@ -200,7 +211,23 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
             raise ValueError("air: lag beside pressures: measured, whose air is elsewhere")
         if self.air == "states" and self.plant_chambers:
             raise ValueError("air: lag beside valves that other arms share, or that have another order")
+        if self.bodies_file and (allowed := beside_bodies(self)):
+            raise ValueError(f"{allowed} beside bodies")
         return self
+
+
+def beside_bodies(twin: TwinSection) -> str:
+    """Return what a twin may not have beside bodies, as what is allowed; empty if it has nothing of it."""
+    found = {
+        "air: lag": twin.air != "lag",
+        "no imu": twin.imu.enabled,
+        "no wrench": bool(twin.wrench.at_s),
+        "no wall (a body that is fixed is one)": bool(twin.wall.stiffness),
+        "no payload_changes": bool(twin.payload_changes.at_s),
+        "no base_shake": twin.base_shake.moves,
+        "no base_by_topic": twin.base_by_topic,
+    }
+    return next((allowed for allowed, has in found.items() if has), "")
 
 
 def described_plant(robot: Robot, config: TwinConfig) -> Robot:

@@ -18,7 +18,7 @@ from soro_core.model.soft_arm import SoftArm
 from soro_core.model.tables import CONTACT
 from soro_core.pneumatics import ValveCondition
 from soro_core.robot import Contacts, Robot, refuse_tendons
-from soro_core.twin.config import TwinConfig, check_volumes, described_plant
+from soro_core.twin.config import LEFT_BY_1000, TwinConfig, check_volumes, described_plant
 from soro_core.twin.followed_base import BaseWay, FollowedBase
 
 # Longest step times angular frequency of the free tip on a wall; from 1.8 on it bounces higher and higher.
@@ -28,9 +28,10 @@ BOUNCE = 1.2
 def true_robot(robot: Robot, config: TwinConfig) -> Robot:
     """Return the true robot at the begin: refined, loaded, and different from its file as configured."""
     robot = described_plant(robot, config)
-    real = robot.scaled(
-        stiffness=config.stiffness_scale, damping=config.damping_scale, gain=config.gain_scale
-    ).refine(config.refine)
+    stiffness = config.stiffness_scale * LEFT_BY_1000 ** (1e-3 * config.cycles)
+    real = robot.scaled(stiffness=stiffness, damping=config.damping_scale, gain=config.gain_scale).refine(
+        config.refine
+    )
     return real.replace(tip_mass=robot.tip_mass + config.payload_kg)
 
 

@@ -59,6 +59,8 @@ class TwinState:
         Torque [N m] and force [N] at the tip in the world, beside those of the scene.
     base : BaseWay
         Where the base goes, if it follows poses.
+    touched_n : ndarray (3,), optional
+        Force of bodies on the arm, in the world [N].
     """
 
     tick: int
@@ -70,6 +72,7 @@ class TwinState:
     start_tick: int | None = 0
     push: Array | None = None
     base: BaseWay = AT_REST
+    touched_n: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,8 @@ class Twin:
         self.config = config
         self.dt = 1.0 / config.rate_hz
         self._length = self.plant.arm.length
+        # A world of bodies moves the arm; the twin itself has its air and its sensors.
+        self._is_held = bool(config.bodies_file)
         self._tracker = Tracker.of(self.plant.arm.robot)
         self._pose_clock = SensorClock.of(config.pose, config.rate_hz)
         self._imu_clock = SensorClock.of(config.imu, config.rate_hz)
@@ -138,13 +143,13 @@ class Twin:
         """Undeformed length of the arm [m]."""
         return self._length
 
-    def _since(self, state: TwinState) -> float:
+    def since(self, state: TwinState) -> float:
         """Time after the begin of control [s], -inf before it."""
         return -math.inf if state.start_tick is None else (state.tick - state.start_tick) * self.dt
 
     def _plant(self, state: TwinState) -> ArmPlant:
         """The arm with the payload that it carries in a state."""
-        plant = self._plants[self.config.payload_changes.passed(self._since(state))]
+        plant = self._plants[self.config.payload_changes.passed(self.since(state))]
         plant.follow(state.base)
         return plant
 
@@ -177,9 +182,11 @@ class Twin:
             config.imu, self._imu_clock, state.imus, state.tick, imu, self._imu_rngs
         )
         reading = pneumatics.reading(config.regulator, state.air, self._air_rng)
-        since = self._since(state)
+        since = self.since(state)
         push = config.wrench.at(since)[3:] + (0.0 if state.push is None else state.push[3:])
         contact = plant.contact_force(state.arm, t, since)
+        if state.touched_n is not None:
+            contact = contact + state.touched_n
         tip = plant.pose(state.arm, self._length, t)
         seen = Observation(reading, seen_poses, seen_imus, tip, push, contact)
         return replaced(state, poses=poses, imus=imus), seen
@@ -292,8 +299,10 @@ class Twin:
         return self._step(state, pneumatics.RegulatorState(pressure_pa=pressure, target_pa=pressure))
 
     def _step(self, state: TwinState, air: pneumatics.RegulatorState) -> TwinState:
+        if self._is_held:
+            return replaced(state, tick=state.tick + 1, air=air)
         start_pa, end_pa = state.air.pressure_pa, air.pressure_pa
-        at = Instant(state.tick * self.dt, self._since(state), state.push)
+        at = Instant(state.tick * self.dt, self.since(state), state.push)
         arm, status = self._plant(state).advance(state.arm, start_pa, end_pa, self.dt, at=at)
         return replaced(state, tick=state.tick + 1, arm=arm, air=air, status=status)
 
@@ -306,7 +315,7 @@ class Twin:
     ) -> TwinState:
         """Advance arm and air together; the valves move towards the targets of their regulators."""
         arm, status, plant = state.arm, OK, self._plant(state)
-        since = self._since(state)
+        since = self.since(state)
         for span, target in spans:
             if status.ok and span > SHORTEST_S:
                 at = Instant(since=since, push=state.push)
@@ -317,7 +326,7 @@ class Twin:
 
     def _motion(self, state: TwinState, s: float) -> SectionMotion:
         """Pose, twist and acceleration of the cross-section at `s`."""
-        plant, since = self._plant(state), self._since(state)
+        plant, since = self._plant(state), self.since(state)
         arm, q, qd = plant.arm, state.arm.q, state.arm.qd
         # Behind the states of creep and hysteresis there may be those of the air.
         internal = state.arm.internal[: arm.n_internal]

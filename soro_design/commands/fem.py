@@ -52,9 +52,10 @@ def run(
 
     from soro_core.jobs import executor_of
     from soro_design.parts.file import load_part
-    from soro_design.parts.folder import SweepFolder
+    from soro_design.parts.folder import SweepFolder, greatest_stretch
     from soro_design.parts.picture import draw_curves, draw_shapes
     from soro_design.parts.specimen import make_specimen
+    from soro_design.parts.strength import strength_lines
 
     file = load_part(part)
     folder = Path(f"{file.name}_fem") if out is None else out
@@ -66,6 +67,7 @@ def run(
     if kept.rows:
         draw_curves(folder / "curves.png", kept.rows)
         draw_shapes(folder / "shapes.png", specimen, kept.shapes)
+        typer.echo("\n".join(strength_lines(specimen.part.material, *greatest_stretch(folder))))
     typer.echo(f"written: {folder}, {len(kept.rows)} states")
     if interrupted or stopped:
         raise typer.Exit(130 if interrupted else 1)

@@ -17,11 +17,11 @@ from soro_design.fem.loads import Loads, Pressure, no_loads, spread_spring, trac
 from soro_design.fem.meshes.bellows import Bellows, bellows_mesh
 from soro_design.fem.meshes.blocks import block, mapped, revolved_tube, sphere, tube
 from soro_design.fem.meshes.hexahedra import extruded_mesh, revolved_mesh
-from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, read_mesh, write_mesh
+from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, mesh_stl, read_mesh, write_mesh
 from soro_design.fem.meshes.rod import Rod, RodCounts, RodShape, rod_mesh
 from soro_design.fem.meshes.stl import read_stl, write_stl
 from soro_design.fem.meshes.surface import extruded, revolved, solid_surface
-from soro_design.fem.meshes.vtu import write_vtu
+from soro_design.fem.meshes.vtu import write_pvd, write_vtu
 from soro_design.fem.part import Balance, Part, make_part
 from soro_design.fem.solve.arc import follow
 from soro_design.fem.solve.dynamics import DynamicsResult, Moving, march
@@ -68,6 +68,7 @@ __all__ = [
     "march",
     "material_from_dict",
     "mesh_step",
+    "mesh_stl",
     "modes",
     "no_loads",
     "nominal_stress",
@@ -88,6 +89,7 @@ __all__ = [
     "traction",
     "tube",
     "write_mesh",
+    "write_pvd",
     "write_stl",
     "write_vtu",
 ]

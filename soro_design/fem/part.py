@@ -17,11 +17,17 @@ from soro_design.fem.elements.follower import add_pressure
 from soro_design.fem.elements.material import Hyperelastic, Material
 from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.elements.pattern import Pattern, make_pattern
+from soro_design.fem.elements.response import BULK
 from soro_design.fem.elements.solid import assemble, tables
 from soro_design.fem.loads import Loads
 from soro_design.fem.rim import check_closed
 
 _NO_DATA = np.empty(0)
+# Kinds that have one volume ratio where the material allows it (docs/adr/0078-tetrahedra.md).
+AVERAGED = ("quad4", "hex8", "tet10")
+# Bulk modulus over the shear modulus that acts on J itself in a tet10: with none, one element across a wall
+# bends by half too far; with all it locks.
+KEPT = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +71,7 @@ class Part:
     loads : Loads
         At load factor 1.
     is_averaged : bool
-        Whether each element has one volume ratio, which keeps quad4 and hex8 from locking.
+        Whether each element has one volume ratio, which keeps quad4, hex8 and tet10 from locking.
     pattern : Pattern
         Of the stiffness.
     slope, hoop, volume : ndarray, (e, g, a, d), (e, g, a) and (e, g)
@@ -87,6 +93,15 @@ class Part:
     _pieces: tuple[Integers, ...]
     contact: Barrier | None = None
 
+    @property
+    def shared(self) -> float:
+        """Share of the bulk modulus that acts on the one volume ratio of an element, from 0 to 1."""
+        if not self.is_averaged:
+            return 0.0
+        if self.mesh.kind != "tet10":
+            return 1.0
+        return max(0.0, 1.0 - KEPT * self.material.shear_modulus_pa / float(self.material.law[BULK]))
+
     def under(self, loads: Loads) -> Part:
         """Return the part under other loads.
 
@@ -100,7 +115,9 @@ class Part:
         check_closed(self.mesh, loads)
         return replace(self, loads=loads, _faces=faces, _pieces=pieces)
 
-    def balance(self, u: Array, load: float, with_stiffness: bool = True) -> Balance:
+    def balance(
+        self, u: Array, load: float, with_stiffness: bool = True, before: Array | None = None
+    ) -> Balance:
         """Return the forces of the part.
 
         Parameters
@@ -111,15 +128,17 @@ class Part:
             Factor of pressures and forces.
         with_stiffness : bool
             Whether to compute the stiffness too.
+        before : ndarray, (n, d), optional
+            Displacements one step of Newton's method before: then its pressures take the stiffness, (10a).
         """
         data = np.zeros(len(self.pattern.keys)) if with_stiffness else _NO_DATA
         inner = np.zeros_like(u)
         mesh = self.mesh
         energy, inverted = assemble(
-            (self.material.law, self.is_averaged),
+            (self.material.law, self.shared),
             mesh.cells,
             (self.slope, self.hoop, self.volume),
-            u,
+            (u, u if before is None else before),
             inner,
             (self.pattern.cells, data),
         )
@@ -201,7 +220,8 @@ def make_part(
     loads : Loads
         At load factor 1.
     is_averaged : bool, optional
-        Whether each element has one volume ratio; by default quad4 and hex8 of a hyperelastic material do.
+        Whether each element has one volume ratio; by default quad4, hex8 and tet10 of a
+        hyperelastic material do.
     contact : Contact, optional
         How its surfaces keep off each other and obstacles; needs the extra `design`.
 
@@ -215,7 +235,7 @@ def make_part(
     """
     can_average = isinstance(material, Hyperelastic)
     if is_averaged is None:
-        is_averaged = can_average and mesh.kind in ("quad4", "hex8")
+        is_averaged = can_average and mesh.kind in AVERAGED
     if is_averaged and not can_average:
         raise ModelError("is_averaged of St. Venant-Kirchhoff; allowed: of a hyperelastic law", "is_averaged")
     pattern = make_pattern(mesh.cells, *mesh.points.shape)

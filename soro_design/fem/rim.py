@@ -11,11 +11,10 @@ from soro_core.arrays import Integers
 from soro_core.errors import ModelError
 from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.loads import Loads
+from soro_design.fem.meshes.surface import edges_of
 
 # A rim whose tangent leaves a plane of symmetry by less than this share lies in it.
 LEVEL = 1e-6
-# Corners of the edges of a face, in turn, by its number of nodes; a node in a middle follows with number + 4.
-_AROUND = np.array([(0, 1), (1, 2), (2, 3), (3, 0)])
 
 
 def check_closed(mesh: Mesh, loads: Loads) -> None:
@@ -56,12 +55,8 @@ def rim(faces: Integers, d: int) -> Integers:
     d : int
         2 for a section, 3 for a solid.
     """
-    if d == 2:
-        edges = faces[:, :2].reshape(-1, 1)
-    elif faces.shape[1] == 4:
-        edges = faces[:, _AROUND].reshape(-1, 2)
-    else:
-        edges = np.concatenate([faces[:, _AROUND], faces[:, 4:, None]], axis=2).reshape(-1, 3)
+    edges = edges_of(faces, d)
+    edges = edges.reshape(-1, edges.shape[2])
     _, index, count = np.unique(np.sort(edges, axis=1), axis=0, return_index=True, return_counts=True)
     return np.asarray(edges[np.sort(index[count == 1])])
 

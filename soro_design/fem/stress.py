@@ -53,14 +53,14 @@ def strained(part: Part, u: Array) -> Strained:
     forces, gradients, volume = np.zeros((n, 3, 3)), np.zeros((n, 3, 3)), np.zeros(n)
     tables = part.slope, part.hoop, part.volume
     sums = forces, gradients, volume
-    _add_up((law, part.is_averaged), cells, tables, np.ascontiguousarray(u), sums)
+    _add_up((law, part.shared), cells, tables, np.ascontiguousarray(u), sums)
     undeformed = part.volume.sum(axis=1)
     return Strained(forces / volume[:, None, None], gradients / undeformed[:, None, None], volume)
 
 
 @kernel
 def _add_up(
-    of: tuple[Array, bool],
+    of: tuple[Array, float],
     cells: Integers,
     shapes: tuple[Array, Array, Array],
     u: Array,
@@ -70,7 +70,7 @@ def _add_up(
 
     The other parameters are those of `soro_design.fem.elements.solid.assemble`.
     """
-    law, is_averaged = of
+    law, shared = of
     slope, hoop, volume = shapes
     forces, gradients, deformed = sums
     n, d = slope.shape[2:]
@@ -84,10 +84,8 @@ def _add_up(
             J = cofactor(F, H)
             undeformed += volume[e, g]
             deformed[e] += volume[e, g] * (J if J > 0.0 else np.nan)
-        bulk, mean_stress = law[BULK], 0.0
-        if is_averaged:
-            mean_stress = bulk * (deformed[e] / undeformed - 1.0)
-            bulk = 0.0
+        mean_stress = shared * law[BULK] * (deformed[e] / undeformed - 1.0)
+        bulk = law[BULK] - shared * law[BULK]
         for g in range(volume.shape[1]):
             fill_gradient(of_cell, slope[e, g], hoop[e, g], F)
             cofactor(F, H)

@@ -13,8 +13,9 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.robot.vectors import Quaternion
 from soro_design.fem.contact import Contact, Obstacle
 from soro_design.fem.elements.material import Hyperelastic, Material, load_material
+from soro_design.fem.elements.mesh import Space
 from soro_design.parts.geometry import BellowsGeometry, Geometry, RodGeometry
-from soro_design.parts.mesh_geometry import AXES, MeshGeometry
+from soro_design.parts.mesh_geometry import AXES, MeshGeometry, Region
 from soro_design.parts.tendons import PartTendon
 
 
@@ -139,8 +140,7 @@ def load_part(name_or_path: str | Path) -> PartFile:
     where = str(path)
     part = parse({"name": path.stem, **read_yaml(path)}, PartFile, where)
     if isinstance(part.geometry, MeshGeometry):
-        beside = path.parent / part.geometry.file
-        part = with_changes(part, geometry=with_changes(part.geometry, file=str(beside.resolve())))
+        part = with_changes(part, geometry=part.geometry.beside(path))
     check_part(part, where)
     return part
 
@@ -208,8 +208,8 @@ def _check_shape(geometry: Geometry, where: str) -> None:
 def _check_mesh(geometry: MeshGeometry, where: str) -> None:
     if not Path(geometry.file).is_file():
         raise ConfigError(where, "geometry.file", geometry.file, "a file that exists, beside the part file")
-    if geometry.is_step and geometry.largest_m is None:
-        allowed = "the greatest edge of a tetrahedron [m]; a STEP file needs it"
+    if (geometry.is_step or geometry.is_surface) and geometry.largest_m is None:
+        allowed = "the greatest edge of a tetrahedron [m]; a STEP or STL file needs it"
         raise ConfigError(where, "geometry.largest_m", None, allowed)
     if geometry.is_step and geometry.space != "solid":
         raise ConfigError(where, "geometry.space", geometry.space, "solid; a STEP file is one")
@@ -218,10 +218,23 @@ def _check_mesh(geometry: MeshGeometry, where: str) -> None:
             allowed = f"a region: {', '.join(geometry.regions) or 'none is stated'}"
             raise ConfigError(where, f"geometry.{key}", name, allowed)
     axes = AXES[geometry.space]
+    for name, region in geometry.regions.items():
+        _check_surface(region, geometry.space, where, f"geometry.regions.{name}")
     for key, directions in geometry.directions().items():
         if set(directions) - set(axes):
             allowed = f"{' and '.join(axes)} alone, {geometry.space}"
             raise ConfigError(where, f"geometry.{key}", directions, allowed)
+
+
+def _check_surface(region: Region, space: Space, where: str, key: str) -> None:
+    """Of what a region states about closed surfaces."""
+    if region.around_m is not None and len(region.around_m) != len(AXES[space]):
+        allowed = f"{len(AXES[space])} numbers, {space}"
+        raise ConfigError(where, f"{key}.around_m", list(region.around_m), allowed)
+    if region.stl and space != "solid":
+        raise ConfigError(where, f"{key}.stl", region.stl, f"none of a section: {space}")
+    if region.stl and not Path(region.stl).is_file():
+        raise ConfigError(where, f"{key}.stl", region.stl, "a file that exists, beside the part file")
 
 
 def _check_sweep(sweep: LoadSweep, part: PartFile, where: str, key: str) -> None:

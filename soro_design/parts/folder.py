@@ -1,4 +1,7 @@
-"""The folder of a run: a VTU file and a row of a table for each state, written as they come."""
+"""The folder of a run: a VTU file and a row of a table for each state, written as they come.
+
+A .pvd file has the states of a sweep as a series.
+"""
 
 from __future__ import annotations
 
@@ -13,14 +16,15 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError
 from soro_design.fem import EquilibriumState, LoadSolution
-from soro_design.fem.meshes.vtu import write_vtu
-from soro_design.fem.stress import strained
+from soro_design.fem.meshes.vtu import write_pvd, write_vtu
+from soro_design.fem.stress import Strained, strained
 from soro_design.parts.file import LoadSweep, PartFile
 from soro_design.parts.mesh_specimen import MeshSpecimen
 from soro_design.parts.specimen import RodSpecimen, Specimen
 from soro_design.parts.sweeps import Backbone, backbone
 
 TABLE, BACKBONE, PART = "table.csv", "backbone.npz", "part.json"
+STRETCH = "greatest_stretch"
 _COLUMNS = ("sweep", "load", "pressures_pa", "force_n", "held_out", "poses")
 
 
@@ -53,8 +57,8 @@ class SweepFolder:
         self.shapes[sweep.name] = state.u
         if state.load not in sweep.loads:
             return
-        number = sweep.loads.index(state.load) + 1
-        self._write_shape(f"{sweep.name}_{number:02d}", state.u)
+        names = {load: f"{sweep.name}_{k + 1:02d}" for k, load in enumerate(sweep.loads)}
+        found = self._write_shape(names[state.load], state.u)[1]
         pressures = sweep.pressures_pa or (0.0,) * self.specimen.chambers
         row: dict[str, Any] = {"sweep": sweep.name, "load": state.load}
         row |= {f"pressure_{c}_pa": state.load * p for c, p in enumerate(pressures)}
@@ -66,8 +70,10 @@ class SweepFolder:
             row |= {f"force_{axis}_n": state.load * f for axis, f in zip(axes, sweep.force_n, strict=False)}
         tensions = sweep.tensions_n or (0.0,) * len(self.specimen.tendons)
         row |= {f"tension_{c}_n": state.load * t for c, t in enumerate(tensions)}
-        row |= self.specimen.measured(state) | {"energy_j": state.energy}
+        row |= self.specimen.measured(state) | {"energy_j": state.energy, STRETCH: float(found.stretch.max())}
         self.rows.append(row)
+        loads = [one["load"] for one in self.rows if one["sweep"] == sweep.name]
+        write_pvd(self.folder / f"{sweep.name}.pvd", {load: f"{names[load]}.vtu" for load in loads})
         with (self.folder / TABLE).open("w", newline="", encoding="utf-8") as stream:
             writer = csv.DictWriter(stream, list(row), restval="", lineterminator="\n")
             writer.writeheader()
@@ -86,15 +92,22 @@ class SweepFolder:
         """Write the last state of a sweep that ended early; None if it did not leave the undeformed state."""
         if sweep.name not in self.shapes:
             return None
-        return self._write_shape(f"{sweep.name}_last", self.shapes[sweep.name])
+        return self._write_shape(f"{sweep.name}_last", self.shapes[sweep.name])[0]
 
-    def _write_shape(self, name: str, u: Array) -> Path:
+    def _write_shape(self, name: str, u: Array) -> tuple[Path, Strained]:
         path = self.folder / f"{name}.vtu"
         part = self.specimen.part
         found = strained(part, u)
         in_elements = {"von_mises_pa": found.von_mises_pa, "stretch": found.stretch}
         write_vtu(path, part.mesh, {"displacement": u}, in_elements)
-        return path
+        return path, found
+
+
+def greatest_stretch(folder: Path) -> tuple[str, float]:
+    """Return the greatest stretch of an element in the table of a run, and the sweep; 0 where it has none."""
+    with (folder / TABLE).open(newline="", encoding="utf-8") as stream:
+        rows = [(row["sweep"], float(row.get(STRETCH) or 0.0)) for row in csv.DictReader(stream)]
+    return max(rows, key=lambda row: row[1], default=("", 0.0))
 
 
 def save_backbones(path: Path, z: Array, backbones: list[Backbone]) -> None:

@@ -5,22 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soro_core.arrays import Integers
 from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import EquilibriumState
-from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.loads import no_loads, spread_force
-from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, read_mesh
+from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, mesh_stl, read_mesh
 from soro_design.fem.part import Part
 from soro_design.parts.bare import bare_part
 from soro_design.parts.file import LoadSweep, PartFile
-from soro_design.parts.mesh_geometry import AXES, MeshGeometry, Region
+from soro_design.parts.mesh_geometry import AXES, MeshGeometry
+from soro_design.parts.regions import ChosenRegion, choose
 from soro_design.parts.tendons import Routed, tensioned
-
-# A node is at a bound of a region if it is nearer than this part of the size of the mesh.
-NEAR = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,10 +89,12 @@ def read_part_mesh(geometry: MeshGeometry) -> MeshFile:
     MissingPackageError
         If meshio or netgen is not installed.
     """
-    if not geometry.is_step:
+    if not (geometry.is_step or geometry.is_surface):
         return read_mesh(geometry.file, geometry.space, geometry.unit_m)
     assert geometry.largest_m is not None  # checked when the part is loaded
-    return MeshFile(mesh_step(geometry.file, geometry.largest_m), {})
+    if geometry.is_step:
+        return MeshFile(mesh_step(geometry.file, geometry.largest_m), {})
+    return MeshFile(mesh_stl(geometry.file, geometry.largest_m, geometry.unit_m), {})
 
 
 def mesh_specimen(file: PartFile, geometry: MeshGeometry) -> MeshSpecimen:
@@ -111,20 +109,20 @@ def mesh_specimen(file: PartFile, geometry: MeshGeometry) -> MeshSpecimen:
     """
     read = read_part_mesh(geometry)
     mesh = read.mesh
-    inside = {key: _nodes(file.name, read, name, geometry) for key, name in geometry.named().items()}
+    regions = {name: choose(file.name, read, name, geometry) for name in geometry.named().values()}
     loads = no_loads(mesh)
-    for i, held in enumerate(geometry.held):
+    for held in geometry.held:
         for axis in held.directions:
-            loads = loads.hold(inside[f"held[{i}].region"], "xyz".index(axis))
+            loads = loads.hold(regions[held.region].nodes, "xyz".index(axis))
     part, tendons = bare_part(file, mesh, loads)
     none = np.empty(0, dtype=np.int64)
     direction = 0 if geometry.moved is None else "xyz".index(geometry.moved.direction)
-    moved = none if geometry.moved is None else np.flatnonzero(inside["moved.region"])
+    moved = none if geometry.moved is None else np.flatnonzero(regions[geometry.moved.region].nodes)
     # Motions are held before cavities are looked at: a rim may be closed by them.
     held_part = part.under(loads.hold(moved, direction)) if moved.size else part
     pressed = []
     for i, one in enumerate(geometry.pressed):
-        faces = _faces(file.name, mesh, f"pressed[{i}].region", one.region, inside)
+        faces = _faces(file.name, f"pressed[{i}].region", one.region, regions)
         try:
             held_part.under(held_part.loads.press(faces, 1.0, one.is_open))
         except ModelError as error:
@@ -134,36 +132,14 @@ def mesh_specimen(file: PartFile, geometry: MeshGeometry) -> MeshSpecimen:
                 file.name, f"geometry.pressed[{i}]", one.region, f"{allowed}; {opening}"
             ) from None
         pressed.append((faces, one.is_open))
-    forced = _faces(file.name, mesh, "forced", geometry.forced, inside) if geometry.forced else none
+    forced = _faces(file.name, "forced", geometry.forced, regions) if geometry.forced else none
     return MeshSpecimen(part, tuple(pressed), forced, moved, direction, tendons)
 
 
-def _nodes(where: str, read: MeshFile, name: str, geometry: MeshGeometry) -> NDArray[np.bool_]:
-    """Nodes of a region, (n,) of bool."""
-    region: Region = geometry.regions[name]
-    points = read.mesh.points
-    inside = np.ones(len(points), dtype=bool)
-    if region.group:
-        if region.group not in read.groups:
-            allowed = ", ".join(read.groups) or "none: this file has no named groups; state bounds"
-            raise ConfigError(where, f"geometry.regions.{name}.group", region.group, allowed)
-        inside &= read.groups[region.group]
-    near = NEAR * np.ptp(points)
-    for key, (low, high) in region.bounds().items():
-        axis = "xyz".find(key[0])
-        places = points[:, axis] if axis >= 0 else np.hypot(points[:, 0], points[:, 1])
-        inside &= (places > low - near) & (places < high + near)
-    if not inside.any():
-        ends = [", ".join(f"{x:.4g}" for x in edge(axis=0)) for edge in (points.min, points.max)]
-        allowed = f"one with nodes; the mesh reaches from ({ends[0]}) to ({ends[1]}) m"
-        raise ConfigError(where, f"geometry.regions.{name}", "a region without nodes", allowed)
-    return inside
-
-
-def _faces(where: str, mesh: Mesh, key: str, name: str, inside: dict[str, NDArray[np.bool_]]) -> Integers:
+def _faces(where: str, key: str, name: str, regions: dict[str, ChosenRegion]) -> Integers:
     """Faces of the boundary in a region."""
-    try:
-        return mesh.faces_at(inside[key])
-    except ModelError:
+    faces = regions[name].faces
+    if len(faces) == 0:
         allowed = "a region with all nodes of a face of the boundary"
-        raise ConfigError(where, f"geometry.{key}", name, allowed) from None
+        raise ConfigError(where, f"geometry.{key}", name, allowed)
+    return faces

@@ -15,8 +15,8 @@ from soro_design.fem import Mesh
 from soro_design.parts.mesh_specimen import MeshSpecimen
 from soro_design.parts.specimen import RodSpecimen, Specimen
 
-# Order of the nodes of a quadrilateral around it: corners and middles of edges in turn.
-_AROUND = {4: [0, 1, 2, 3], 8: [0, 4, 1, 5, 2, 6, 3, 7]}
+# Order of the nodes of a quadrilateral or a triangle around it: corners and middles of edges in turn.
+_AROUND = {4: [0, 1, 2, 3], 6: [0, 3, 1, 4, 2, 5], 8: [0, 4, 1, 5, 2, 6, 3, 7]}
 MOST = 12
 
 

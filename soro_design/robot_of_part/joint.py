@@ -38,12 +38,20 @@ class TipError:
         Backbone of the link, at the sections of the part [m].
     share : float
         Distance of the tips over the length.
+    motion : float
+        How far the load has moved the tip of the part, over the length.
     """
 
     state: Backbone
     q: Array
     places: Array
     share: float
+    motion: float
+
+    @property
+    def of_motion(self) -> float:
+        """Distance of the tips over how far the tip has moved."""
+        return self.share / self.motion
 
 
 def weightless(known: Template) -> Template:
@@ -69,7 +77,8 @@ def refine(data: Snapshots, known: Template, start: Direct, strains: Mapping[str
     """
     bare = weightless(known)
     states = (*data.even, *data.uneven)
-    begin = [data.mean(state) if strains is None else None for state in states]
+    n = len(known.strains)
+    begin = [data.mean(state)[:n] if strains is None else None for state in states]
 
     def residuals(values: Mapping[str, float]) -> Array:
         arm = SoftArm(robot_of(bare, values, strains))
@@ -98,10 +107,10 @@ def tip_errors(data: Snapshots, robot: Robot, states: Sequence[Backbone]) -> lis
     arm = SoftArm(robot.replace(gravity=[0.0, 0.0, 0.0], base_quaternion=[0.0, 0.0, 0.0, 1.0]))
     found = []
     for state in states:
-        q = equilibrium(arm, state.pressures_pa, None if robot.varies else data.mean(state))
+        q = equilibrium(arm, state.pressures_pa, None if robot.varies else data.mean(state)[: robot.n_q])
         places = np.array([arm.pose(q, s)[:3, 3] for s in data.z - data.z[0]])
         far = float(np.linalg.norm(places[-1] - state.poses[-1][:3, 3]))
-        found.append(TipError(state, q, places, far / data.length))
+        found.append(TipError(state, q, places, far / data.length, data.motion(state) / data.length))
     return found
 
 

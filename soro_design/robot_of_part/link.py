@@ -55,11 +55,16 @@ class Template:
     base_quaternion: tuple[float, ...]
 
     @property
-    def damping(self) -> tuple[float, float, float]:
-        """Of elongation and bending: 3 eta A and 3 eta I along the length, docs/model.md (20)."""
+    def strains(self) -> tuple[str, ...]:
+        """Of the link; two chambers bend it in their plane alone, so that it has no strain across that."""
+        return ("elongation", "bending_x") if self.chambers == 2 else ("elongation", "bending_x", "bending_y")
+
+    @property
+    def damping(self) -> tuple[float, ...]:
+        """Of its strains: 3 eta A and 3 eta I along the length, docs/model.md (20)."""
         eta_l = 3.0 * self.viscosity_pa_s * self.length_m
         bending = eta_l * self.second_moment_m4
-        return eta_l * self.area_m2, bending, bending
+        return (eta_l * self.area_m2, bending, bending)[: len(self.strains)]
 
 
 def template(file: PartFile, specimen: RodSpecimen, name: str) -> Template:
@@ -168,6 +173,10 @@ def robot_keys(
         for c in range(known.chambers)
     ]
     damping = known.damping
+    if strains is not None:
+        strains = {name: strains[name] for name in known.strains}
+    elif len(known.strains) < 3:
+        strains = {name: {"basis": "constant"} for name in known.strains}
     if strains is not None:
         each = [field.get("modes", 1) for field in strains.values()]
         damping = tuple(np.repeat(damping, each).tolist())

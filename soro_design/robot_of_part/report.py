@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from soro_design.robot_of_part.joint import TipError
 from soro_design.robot_of_part.link import at_bound
 from soro_design.robot_of_part.stages import PartIdentification
-from soro_design.robot_of_part.written import LOADS, mean_and_most, quality, refusal, single_loads
+from soro_design.robot_of_part.written import LOADS, greatest, mean_and_most, quality, refusal, single_loads
 from soro_lab.reporting.drawing import COLOURS, MEASURED, PREDICTED, WIDTH, Image, style, svg
 from soro_lab.reporting.html import Block, Bullets, Chapter, Page, Picture, Table, Words, number, write
 
@@ -33,12 +33,16 @@ def content_of(found: PartIdentification, source: str, file: str, accept: float)
     errors = {}
     for kind, own in (("fitted", found.fitted), ("held_out", found.held_out)):
         mean, most = mean_and_most(own)
-        errors[kind] = {"mean": mean, "most": most}
+        moved = mean_and_most(own, "of_motion")
+        errors[kind] = {"mean": mean, "most": most, "mean_of_motion": moved[0], "most_of_motion": moved[1]}
     sweeps: list[dict[str, Any]] = []
     for error in (*found.fitted, *found.held_out):
         if not sweeps or sweeps[-1]["sweep"] != error.state.sweep:
-            sweeps.append({"sweep": error.state.sweep, "held_out": error.state.held_out, "shares": []})
+            sweeps.append(
+                {"sweep": error.state.sweep, "held_out": error.state.held_out, "shares": [], "of_motion": []}
+            )
         sweeps[-1]["shares"].append(error.share)
+        sweeps[-1]["of_motion"].append(error.of_motion)
     mesh = found.mesh
     return {
         "part": source,
@@ -55,7 +59,8 @@ def content_of(found: PartIdentification, source: str, file: str, accept: float)
         },
         "at_bound": at_bound(found.start, found.values),
         "modes": [[vars(one) for one in pair] for pair in found.kept],
-        "mesh": None if mesh is None else {**vars(mesh), "error": mesh.error},
+        "strength": list(found.strength),
+        "mesh": None if mesh is None else {**vars(mesh), "error": mesh.error, "of_motion": mesh.of_motion},
     }
 
 
@@ -72,7 +77,7 @@ def write_report(content: dict[str, Any], found: PartIdentification, folder: Pat
         Made where it does not exist.
     """
     refused = content["refusal"]
-    limit = f"greatest error of a held-out tip at most {100.0 * content['accept']:g} % of the length"
+    limit = f"{greatest(found)}; allowed together: {100.0 * content['accept']:g} % of the length"
     page = Page(
         f"Identification of {content['part']}",
         f"Robot file: {content['file']}. All numbers of this page: report.json.",
@@ -90,7 +95,10 @@ def write_report(content: dict[str, Any], found: PartIdentification, folder: Pat
 
 
 def _tips(content: dict[str, Any], found: PartIdentification) -> Iterator[Block]:
-    yield Words("Distance of the tips, in % of the length. Points: finite elements; lines: the link.")
+    yield Words(
+        "Distance of the tips, in % of the length and of how far the tip has moved. Points: finite elements;"
+        " lines: the link."
+    )
     yield _sweeps(content)
     yield Picture(tips_picture(found), "tips of the link and of the part over the load of each sweep")
 
@@ -121,12 +129,16 @@ def _sweeps(content: dict[str, Any]) -> Table:
     for k, sweep in enumerate(content["sweeps"]):
         last = len(sweep["shares"]) - 1
         shown = [number(sweep["shares"][i], f"sweeps.{k}.shares.{i}", 100.0) for i in (last // 2, last)]
+        shown.append(number(sweep["of_motion"][last], f"sweeps.{k}.of_motion.{last}", 100.0))
         rows.append([sweep["sweep"], "yes" if sweep["held_out"] else "", *shown])
     for kind, title in (("fitted", "mean and greatest, fitted"), ("held_out", "mean and greatest, held out")):
         own = content["errors"][kind]
-        shown = [number(own[key], f"errors.{kind}.{key}", 100.0) for key in ("mean", "most")]
+        shown = [
+            number(own[key], f"errors.{kind}.{key}", 100.0) for key in ("mean", "most", "most_of_motion")
+        ]
         rows.append([title, "yes" if kind == "held_out" else "", *shown])
-    return Table(["sweep", "held out", "#at half load, %", "#at full load, %"], rows)
+    head = ["#at half load, %", "#at full load, %", "#of the motion at full load, %"]
+    return Table(["sweep", "held out", *head], rows)
 
 
 def _number_table(content: dict[str, Any]) -> Table:

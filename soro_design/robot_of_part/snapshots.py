@@ -54,6 +54,10 @@ class Snapshots:
         found = section_strains(state.poses, self.z)
         return np.asarray(_SIGNS * found[:, _ROWS] - _STRAIGHT)
 
+    def motion(self, state: Backbone) -> float:
+        """Return how far the tip is from where it is undeformed [m]."""
+        return float(np.linalg.norm(state.poses[-1][:3, 3] - [0.0, 0.0, self.z[-1]]))
+
     def mean(self, state: Backbone) -> Array:
         """Return the means (3,) of these strains along the rod."""
         return np.asarray(np.diff(self.z) @ self.strains(state) / self.length)
@@ -87,7 +91,7 @@ def check_sweeps(sweeps: Sequence[LoadSweep], where: str) -> None:
     """Refuse sweeps that do not suffice before they are computed; errors as in `snapshots`."""
     for sweep in sweeps:
         if any(sweep.tensions_n):
-            allowed = "pressures or forces: a link has no tendon"
+            allowed = "none: `soro identify-fem` gives a robot chambers alone; leave sweeps of tendons out"
             raise ConfigError(where, f"sweeps.{sweep.name}.tensions_n", list(sweep.tensions_n), allowed)
     kinds = [_kind(s.name, np.array(s.pressures_pa), np.array(s.force_n), s.held_out, where) for s in sweeps]
     _require(kinds, [sweep.name for sweep in sweeps], where)

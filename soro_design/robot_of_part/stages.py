@@ -38,17 +38,25 @@ class MeshCheck:
         Of both meshes.
     difference : float
         Distance of the tips at the end of the sweep over the length.
+    motion : float
+        How far the tip has moved then, over the length.
     """
 
     sweep: str
     elements: int
     coarse_elements: int
     difference: float
+    motion: float
 
     @property
     def error(self) -> float:
         """What second order leaves on the finer mesh: a third of the difference."""
         return self.difference / 3.0
+
+    @property
+    def of_motion(self) -> float:
+        """The same over how far the tip has moved."""
+        return self.error / self.motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +85,10 @@ class PartIdentification:
         What constant strains, one mode, two modes ... keep of the fitted and of the held-out states.
     mesh : MeshCheck or None
         None where it was left out.
+    strength : tuple of str
+        Lines on what the part asks of its material.
+    has_stiff_tendon : bool
+        Whether a tendon of the part is fixed along it.
     """
 
     data: Snapshots
@@ -90,6 +102,8 @@ class PartIdentification:
     constant: list[TipError] | None
     kept: tuple[tuple[Kept, Kept], ...]
     mesh: MeshCheck | None
+    strength: tuple[str, ...] = ()
+    has_stiff_tendon: bool = False
 
     @property
     def values(self) -> Mapping[str, float]:
@@ -185,4 +199,4 @@ def mesh_check(file: PartFile, specimen: RodSpecimen, data: Snapshots) -> MeshCh
     tips = [state.poses[-1][:3, 3] for state in (backbone(coarse, sweep, done.last), fine[0])]
     elements, coarse_elements = (len(one.part.mesh.cells) for one in (specimen, coarse))
     apart = float(np.linalg.norm(tips[1] - tips[0]))
-    return MeshCheck(name, elements, coarse_elements, apart / data.length)
+    return MeshCheck(name, elements, coarse_elements, apart / data.length, data.motion(fine[0]) / data.length)

@@ -11,7 +11,7 @@ from soro_core.arrays import Array
 from soro_hardware.hil.paced import CycleSample
 
 # Last part of a phase for means, and for drifts.
-SETTLED_PART, DRIFT_PART = 1 / 3, 1 / 2
+SETTLED_PART = 1 / 3
 T63 = 1.0 - np.exp(-1.0)
 
 

@@ -62,6 +62,37 @@ class NewLink:
 
 
 @dataclass(frozen=True)
+class ArmSetting:
+    """What the files beside a robot file say of an arm.
+
+    Attributes
+    ----------
+    name : str
+        Name of the arm, with which the names of platform and scene begin.
+    chambers : tuple of int
+        Number of chambers of each link.
+    pressure_range : Noted
+        Lowest and highest [Pa gauge].
+    planar : bool
+        Whether it bends in one plane only.
+    platform : str
+        `emulated`, a shipped platform, or a family.
+    command : str
+        That writes the files.
+    mode : str
+        Of the scene.
+    """
+
+    name: str
+    chambers: tuple[int, ...]
+    pressure_range: Noted
+    planar: bool = False
+    platform: str = "emulated"
+    command: str = WHERE
+    mode: str = "real_time"
+
+
+@dataclass(frozen=True)
 class NewArm:
     """An arm that gets its files.
 
@@ -87,6 +118,12 @@ class NewArm:
     mounting: str
     pressure_range: Noted
     platform: str
+
+    @property
+    def setting(self) -> ArmSetting:
+        """What platform and scene say of it."""
+        chambers = tuple(len(link.geometry.angles) for link in self.links)
+        return ArmSetting(self.name, chambers, self.pressure_range, self.planar, self.platform)
 
 
 def new_arm(options: ScaffoldOptions) -> NewArm:

@@ -11,7 +11,7 @@ from typing import Any
 
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
-from soro_lab.scaffold.arm import NewArm
+from soro_lab.scaffold.arm import ArmSetting, NewArm
 from soro_lab.scaffold.options import WHERE
 from soro_lab.scaffold.platform_file import platform_header, platform_name, platform_tree
 from soro_lab.scaffold.quantity import Noted
@@ -157,14 +157,42 @@ def write_arm(arm: NewArm, folder: Path, force: bool = False) -> Written:
 
 def _write(arm: NewArm, folder: Path, names: tuple[str, ...]) -> tuple[FirstReference, tuple[str, ...]]:
     """Write the files into an empty folder, each read back; return the reference, and warnings."""
+    (folder / names[0]).write_text(commented(robot_header(arm), robot_tree(arm)))
+    return write_setting(arm.setting, folder, names)
+
+
+def write_setting(
+    arm: ArmSetting, folder: Path, names: tuple[str, ...]
+) -> tuple[FirstReference, tuple[str, ...]]:
+    """Write platform and scene beside a robot file, each read back.
+
+    Parameters
+    ----------
+    arm : ArmSetting
+    folder : Path
+        Of the robot file.
+    names : tuple of str
+        Files of robot, platform and scene; the robot file exists.
+
+    Returns
+    -------
+    FirstReference
+        Of the scene.
+    tuple of str
+        What the numbers of the arm make unlikely to work, a line each.
+
+    Raises
+    ------
+    ConfigError
+        If the arm does not fit the platform.
+    """
     robot_name, platform, scene = names
-    shipped = platform_name(arm.platform, sum(len(link.geometry.angles) for link in arm.links))
+    shipped = platform_name(arm.platform, sum(arm.chambers))
     (folder / platform).write_text(commented(platform_header(arm, shipped), platform_tree(arm, shipped)))
-    (folder / robot_name).write_text(commented(robot_header(arm), robot_tree(arm)))
     robot = load_robot(folder / robot_name)
     reference = first_reference(robot)
     tree = scene_tree(arm, robot, reference, (robot_name, platform))
-    (folder / scene).write_text(commented(scene_header(arm, reference), tree))
+    (folder / scene).write_text(commented(scene_header(arm, reference, scene), tree))
     loaded = load_scene(folder / scene)
     warnings = check_scene(loaded, scene)
     loop_of(loaded)

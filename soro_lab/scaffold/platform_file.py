@@ -11,7 +11,7 @@ from pydantic import BaseModel
 from soro_core.config import config_folder, find_config, read_yaml
 from soro_core.errors import ConfigError
 from soro_hardware.families import parse_platform
-from soro_lab.scaffold.arm import NewArm
+from soro_lab.scaffold.arm import ArmSetting
 from soro_lab.scaffold.options import WHERE
 from soro_lab.scaffold.quantity import Noted, rounded
 
@@ -64,12 +64,12 @@ def platform_name(given: str, n_chambers: int) -> str:
     return name
 
 
-def platform_tree(arm: NewArm, name: str) -> dict[str, Any]:
+def platform_tree(arm: ArmSetting, name: str) -> dict[str, Any]:
     """Return the platform file as a tree of `Noted` values.
 
     Parameters
     ----------
-    arm : NewArm
+    arm : ArmSetting
     name : str
         Shipped file that it follows.
 
@@ -81,9 +81,7 @@ def platform_tree(arm: NewArm, name: str) -> dict[str, Any]:
     path = find_config(name, "platforms")
     data = copy.deepcopy(read_yaml(path))
     low, high = arm.pressure_range.value
-    chambers = [
-        f"link{i}/chamber{j}" for i, link in enumerate(arm.links) for j in range(len(link.geometry.angles))
-    ]
+    chambers = [f"link{i}/chamber{j}" for i, count in enumerate(arm.chambers) for j in range(count)]
     own = _set_pressures(data, min(low, 0.0), high)
     address = _ADDRESSES[data["family"]]
     if name == "emulated_canopen_4ch":
@@ -95,7 +93,7 @@ def platform_tree(arm: NewArm, name: str) -> dict[str, Any]:
             return {"node": k // _CHANNELS + 1, "channel": k % _CHANNELS}
 
     data["valves"] = [{"chamber": chamber, **address(k)} for k, chamber in enumerate(chambers)]
-    model = parse_platform(data, where=f"{WHERE} --platform {arm.platform}")
+    model = parse_platform(data, where=f"{arm.command} --platform {arm.platform}")
     tree = _noted(data, model, name, own, ())
     tree["valves"] = [
         Noted(valve, "its address is counted up: change it to that of your regulator")
@@ -104,12 +102,12 @@ def platform_tree(arm: NewArm, name: str) -> dict[str, Any]:
     return tree
 
 
-def platform_header(arm: NewArm, name: str) -> str:
+def platform_header(arm: ArmSetting, name: str) -> str:
     """Return the comment at the top of the platform file."""
     return (
-        f"Regulators of {arm.name}, written by `soro new` after the shipped {name}.yaml, which says more.\n"
-        "`soro run` emulates them unless the scene or --valves says real. What each number means stands "
-        "beside it; those under regulator are assumptions: soro fit pressures finds them."
+        f"Regulators of {arm.name}, written by `{arm.command}` after the shipped {name}.yaml, which says"
+        " more.\n`soro run` emulates them unless the scene or --valves says real. What each number means "
+        "stands beside it; those under regulator are assumptions: soro fit pressures finds them."
     )
 
 

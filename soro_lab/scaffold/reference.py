@@ -68,7 +68,7 @@ def first_reference(robot: Robot) -> FirstReference:
             curvature = _circle(arm, fields, mean)
             if curvature > 0.0:
                 return FirstReference("circle", curvature, mean)
-    place = _resting_place(arm)
+    place = _resting_place(arm, fields)
     if place is None:
         return FirstReference("hold")
     return FirstReference("set_point", set_point=tuple(float(f"{x:.4g}") for x in place))
@@ -149,17 +149,11 @@ def _held(arm: SoftArm, q: Array, low: float, high: float) -> bool:
     return bool(np.max(np.abs(found.fun)) < _MISSED)
 
 
-def _resting_place(arm: SoftArm) -> Array | None:
+def _resting_place(arm: SoftArm, fields: StrainFields) -> Array | None:
     """Return coordinates (n_q,) of a stable rest, bent away from angle 0; None without one."""
     low, high = arm.robot.pressure_range_pa
     angles = np.array([chamber.angle_rad for link in arm.robot.links for chamber in link.chambers])
-    lengths = np.array(
-        [
-            link.length if name != "elongation" else LINK_BEND / LONGEST
-            for link in arm.robot.links
-            for name in link.strains
-        ]
-    )
+    lengths = np.where(fields.stretch, LINK_BEND / LONGEST, fields.length)
     for size in (1.0, 0.5, 0.25, 0.12, 0.06):
         target = np.clip(size * (low + (high - low) * (MIDDLE + SWING * np.cos(angles))), low, high)
         q = np.zeros(arm.n_q)
@@ -168,6 +162,6 @@ def _resting_place(arm: SoftArm) -> Array | None:
                 q = equilibrium(arm, part * target, q)
         except ModelError:
             continue
-        if np.max(np.abs(q) * lengths) < LINK_BEND and RestForces(arm, target).is_stable(q):
+        if np.max(fields.peaks(q) * lengths) < LINK_BEND and RestForces(arm, target).is_stable(q):
             return q
     return None

@@ -6,11 +6,12 @@ import math
 from typing import Any
 
 from soro_core.adaptation.modes import first_mode
+from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot
 from soro_core.safety import Limits, trips_above
 from soro_core.twin.config import SensorConfig, TwinSection
-from soro_lab.scaffold.arm import NewArm
+from soro_lab.scaffold.arm import ArmSetting
 from soro_lab.scaffold.quantity import Noted, rounded
 from soro_lab.scaffold.reference import FirstReference
 
@@ -31,13 +32,13 @@ _SHOWS = {
 
 
 def scene_tree(
-    arm: NewArm, robot: Robot, reference: FirstReference, names: tuple[str, str]
+    arm: ArmSetting, robot: Robot, reference: FirstReference, names: tuple[str, str]
 ) -> dict[str, Any]:
     """Return the scene file as a tree of `Noted` values.
 
     Parameters
     ----------
-    arm : NewArm
+    arm : ArmSetting
     robot : Robot
         As its file says.
     reference : FirstReference
@@ -51,7 +52,7 @@ def scene_tree(
         "description": Noted(_SHOWS[reference.kind], "of soro scenes"),
         "robot": Noted(names[0], "beside this file"),
         "platform": Noted(names[1], "beside this file"),
-        "mode": Noted("real_time", "or lockstep: deterministic, as fast as possible (--set mode=lockstep)"),
+        "mode": Noted(arm.mode, "real_time, or lockstep: deterministic, as fast as possible"),
         "rate_hz": Noted(RATE_HZ, "ticks of the loop a second; default of a scene"),
         "duration_s": Noted(
             rounded(max(20.0, 3.0 * period + 5.0)),
@@ -59,22 +60,30 @@ def scene_tree(
         ),
         "seed": Noted(1, "of all noise"),
         "limits": _limits(arm),
-        "twin": _twin(arm),
+        "twin": _twin(robot),
         "controller": _controller(arm, reference, period),
     }
 
 
-def scene_header(arm: NewArm, reference: FirstReference) -> str:
-    """Return the comment at the top of the scene file."""
-    file = f"{arm.name}_scene.yaml"
+def scene_header(arm: ArmSetting, reference: FirstReference, file: str) -> str:
+    """Return the comment at the top of the scene file.
+
+    Parameters
+    ----------
+    arm : ArmSetting
+    reference : FirstReference
+        Of the scene.
+    file : str
+        Name of the scene file.
+    """
     return (
-        f"{arm.name} on the emulated platform, written by `soro new`: {_SHOWS[reference.kind]}.\n"
-        f"  soro run {file} --set mode=lockstep     on the twin\n"
+        f"{arm.name} on the emulated platform, written by `{arm.command}`: {_SHOWS[reference.kind]}.\n"
+        f"  soro run {file}{' --set mode=lockstep' if arm.mode != 'lockstep' else ''}     on the twin\n"
         f"  soro gains {file}                       the automatic gains as numbers"
     )
 
 
-def _limits(arm: NewArm) -> dict[str, Noted]:
+def _limits(arm: ArmSetting) -> dict[str, Noted]:
     """Return limits for the range of pressures, in the proportions of the defaults."""
     low, high = arm.pressure_range.value
     part, default, trips = high / _RANGE, Limits(), trips_above(high)
@@ -107,10 +116,19 @@ def _limits(arm: NewArm) -> dict[str, Noted]:
     return {**limits, **({"monitors": monitors} if monitors else {})}  # type: ignore[dict-item]
 
 
-def _twin(arm: NewArm) -> dict[str, Any]:
-    parts = _PARTS if len(arm.links) <= 2 else _PARTS // 2
+def _twin(robot: Robot) -> dict[str, Any]:
+    parts = Noted(
+        _PARTS if len(robot.links) <= 2 else _PARTS // 2,
+        "links of the simulated arm for each of the model, so that the two differ",
+    )
+    try:
+        robot.refine(parts.value)
+    except ConfigError:
+        parts = Noted(
+            1, "links of the simulated arm for each of the model: modes from a file are not divided"
+        )
     return {
-        "refine": Noted(parts, "links of the simulated arm for each of the model, so that the two differ"),
+        "refine": parts,
         "payload_kg": Noted(0.0, "kg, load at the tip that the controller does not know and has to learn"),
         "pose": {
             "enabled": Noted(True, "false: none"),
@@ -132,7 +150,7 @@ def _sensor(sensor: SensorConfig, places: str) -> dict[str, Noted]:
     }
 
 
-def _controller(arm: NewArm, reference: FirstReference, period: float) -> dict[str, Any]:
+def _controller(arm: ArmSetting, reference: FirstReference, period: float) -> dict[str, Any]:
     low, high = arm.pressure_range.value
     preferred = reference.mean_pressure_pa if reference.kind == "circle" else rounded(0.5 * (low + high))
     pressures = {

@@ -8,7 +8,7 @@ from soro_core.control.config import require_chambers
 from soro_core.errors import ConfigError
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.robot.discretisation import EXPLICIT
-from soro_core.twin.config import check_volumes, described_plant
+from soro_core.twin.config import beside_bodies, check_volumes, described_plant
 from soro_hardware import PlatformBase
 from soro_lab.scene.limits import unused_range
 from soro_lab.scene.scene import Scene
@@ -35,6 +35,8 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     ConfigError
         One line with file, key, what was found and what is allowed.
     """
+    if scene.bodies:
+        _check_bodies(scene, where)
     if scene.arms:
         _check_arms(scene, where)
         arms = [(arm, check_scene(arm, _place(where, arm))) for arm in scene.each]
@@ -70,7 +72,7 @@ def arm_of(scene: Scene, wanted: str | None, where: str) -> Scene:
 
 
 def require_one_arm(scene: Scene, where: str) -> Scene:
-    """Return a scene of one arm.
+    """Return a scene of one arm, and of nothing else, for those whose twin is alone.
 
     Parameters
     ----------
@@ -81,8 +83,11 @@ def require_one_arm(scene: Scene, where: str) -> Scene:
     Raises
     ------
     ConfigError
-        If it has several arms.
+        If it has several arms, or bodies.
     """
+    if scene.bodies:
+        allowed = "none: only soro run without --learn-from, view, plot, report and bag know bodies"
+        raise ConfigError(where, "bodies", ", ".join(scene.bodies), allowed)
     if scene.arms:
         allowed = "a scene of one arm: only soro run, view, plot, report and bag know several"
         raise ConfigError(where, "arms", ", ".join(scene.arms), allowed)
@@ -228,6 +233,16 @@ def _check_chambers(scene: Scene, platform: PlatformBase, has: tuple[str, ...], 
         other += [f"no {name}" for name in has if name not in fed]
         allowed = f"one valve for each chamber of {whose}: {', '.join(has)}"
         raise ConfigError(scene.platform, "valves", f"{len(fed)} valves: {other[0]}", allowed)
+
+
+def _check_bodies(scene: Scene, where: str) -> None:
+    """Refuse bodies with the name of an arm, and twins that do not go with bodies."""
+    names = list(scene.arms) or ["arm"]
+    if both := [name for name in names if name in scene.bodies]:
+        raise ConfigError(where, f"bodies.{both[0]}", both[0], "a name that no arm has")
+    for arm in scene.each:
+        if allowed := beside_bodies(arm.twin):
+            raise ConfigError(_place(where, arm), "twin", "bodies in the scene", f"{allowed} beside them")
 
 
 def _check_arms(scene: Scene, where: str) -> None:

@@ -70,6 +70,7 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
     if not isinstance(own, dict):
         raise ConfigError(where, "arms", own, "a mapping of names to what each arm has of its own")
     whole = parse(data, Scene, where=where)
+    data.pop("bodies", None)
     arms: dict[str, Scene] = {}
     for number, (name, stated) in enumerate(own.items()):
         keys: dict[str, Any] = {} if stated is None else stated

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
+from soro_core.bodies.files import Bodies
 from soro_core.config import Strict, with_changes
 from soro_core.control.config import ControllerConfig
 from soro_core.control.laws.registry import find_law
@@ -38,7 +39,19 @@ if TYPE_CHECKING:  # with the model's code
 
 
 # Keys of the whole run, which no arm has of its own.
-OF_RUN = ("name", "arms", "mode", "rate_hz", "duration_s", "recorder", "valves", "arm", "markers", "measured")
+OF_RUN = (
+    "name",
+    "arms",
+    "bodies",
+    "mode",
+    "rate_hz",
+    "duration_s",
+    "recorder",
+    "valves",
+    "arm",
+    "markers",
+    "measured",
+)
 
 
 class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
@@ -55,6 +68,9 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         {},
         description="several arms by name: of each its robot, place (base_position), controller, twin, ... "
         "where they differ from those of the scene",
+    )
+    bodies: Bodies = Field(
+        {}, description="what the arms touch, by name: shape, mass, place, motion (docs/bodies.md)"
     )
     base_position: Vector3 | None = Field(
         None, description="of the base in the world [m]; default: that of the robot file"
@@ -139,6 +155,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             ),
             (real and self.faults, "no faults with valves: real, only with emulated ones"),
             (not real and self.device, "no device with valves: emulated, only with real ones"),
+            (real and self.bodies, "no bodies with valves: real, only around a simulated arm"),
             (
                 not real and self.arm == "real",
                 "no arm: real without valves: real, because emulated ones do not supply it",

@@ -52,13 +52,16 @@ def write_film(
         If the file has another ending.
     """
     from soro_ros.pictures import film
+    from soro_ros.recordings.bodies.tracks import tracks_of
 
     if file.suffix not in (".gif", ".png"):
         raise ConfigError("soro plot", "--film", str(file), "a name that ends with .gif or .png")
     bag, scene_file = bag_and_scene(run)
-    scene = arm_of(load_scene(str(scene_file)), arm, str(run))
+    whole = load_scene(str(scene_file))
+    scene = arm_of(whole, arm, str(run))
     start_s, end_s = span_s
-    shown = film.take(bag, scene, start_s, math.inf if end_s is None else end_s, rate_hz)
+    bodies = list(tracks_of(bag, whole, f"/{scene.name}/arm/desired/tip").values())
+    shown = film.take(bag, scene, start_s, math.inf if end_s is None else end_s, rate_hz, bodies)
     write = film.still if file.suffix == ".png" else film.write
     write(shown, file, width)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.2f} MB")

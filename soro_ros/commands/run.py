@@ -6,7 +6,7 @@ import contextlib
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -98,13 +98,13 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
     from soro_ros.recordings.verdict import advice, worst, write
 
     results = {one.prefix.rstrip("/"): _judge_arm(one, folder, end) for one in scene.each}
-    verdict = worst({name: result.verdict for name, result in results.items()})
+    bodies, of_bodies = _judge_bodies(scene, folder)
+    verdict = worst({name or "arm": result.verdict for name, result in results.items()} | of_bodies)
     if scene.arms:
-        write(
-            folder, None, verdict, {name: (found.summary, found.verdict) for name, found in results.items()}
-        )
+        arms = {name: (found.summary, found.verdict) for name, found in results.items()}
+        write(folder, None, verdict, arms, bodies)
     else:
-        write(folder, results[""].summary, verdict)
+        write(folder, results[""].summary, verdict, bodies=bodies)
     for one, result in zip(scene.each, results.values(), strict=True):
         _show(one, folder, result, figure, console)
     if verdict.word in ("poor", "lost"):
@@ -151,6 +151,21 @@ def _judge_arm(arm: Scene, folder: Path, end: End) -> _Result:
     said = {name.removeprefix(prefix): line for name, line in end.said.items() if name.startswith(prefix)}
     own = replace(end, recording_failure=failure, said=said)
     return _Result(recording, summary, judge(summary, arm, own, recording), failure)
+
+
+def _judge_bodies(scene: Scene, folder: Path) -> tuple[dict[str, Any], dict[str, Verdict]]:
+    """Return the figures of the bodies, and the verdict on them by its name; print them."""
+    if not (scene.bodies and scene.recorder.enabled and (folder / "bag").exists()):
+        return {}, {}
+    from soro_ros.recordings.bodies.figures import figures_of_bodies, judge_bodies, table_of_bodies
+
+    try:
+        found = figures_of_bodies(folder / "bag", scene)
+    except SoroError:  # what the arms say of the bag
+        return {}, {}
+    if found:
+        Console().print(table_of_bodies(found))
+    return {name: one.to_dict() for name, one in found.items()}, {"bodies": judge_bodies(found)}
 
 
 def _show(arm: Scene, folder: Path, result: _Result, figure: bool, console: Console) -> None:

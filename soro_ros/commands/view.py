@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -76,21 +77,24 @@ def _live(robot: str, namespace: str, options: dict[str, int | float]) -> None:
     arms = _running(f"/{namespace.strip('/')}" if namespace else "", robot)
     with tempfile.TemporaryDirectory(prefix="soro-") as folder:
         file = Path(folder) / "viewer.yaml"
-        entries = {f"{arm}/viewer": {"ros__parameters": {"robot": used, **options}} for arm, used in arms}
+        entries = {f"{arm}/viewer": {"ros__parameters": {**used, **options}} for arm, used in arms}
         file.write_text(yaml.safe_dump(entries), encoding="utf-8")
         os.nice(NICE)
         run_viewers([arm or "/" for arm, _ in arms], ["--ros-args", "--params-file", str(file)])
 
 
-def _running(namespace: str, robot: str) -> list[tuple[str, str]]:
-    """Return namespace and robot of each arm that runs, as far as they are not given.
+def _running(namespace: str, robot: str) -> list[tuple[str, dict[str, str]]]:
+    """Return namespace, robot and bodies of each arm that runs, as far as they are not given.
+
+    The bodies are drawn with the first arm alone.
 
     The arms of a scene are those whose namespaces stand below one, or whose valves one node drives.
     """
     from soro_ros.commands.services import READINGS, one_node, service_caller
+    from soro_ros.topics.twin_topics import CONTACTS
 
     if namespace and robot:
-        return [(namespace, robot)]
+        return [(namespace, {"robot": robot})]
     with service_caller() as caller:
         if namespace:
             within = namespace
@@ -105,18 +109,29 @@ def _running(namespace: str, robot: str) -> list[tuple[str, str]]:
         arms = [name.removesuffix(f"/{READINGS}") for name in topics if name.endswith(f"/{READINGS}")]
         below = sorted(name for name in arms if name.startswith(f"{within}/"))
         found = below if within and within not in arms and below else [within]
-        return [(arm, robot or _robot_of(caller, arm)) for arm in found]
+        robots = [(arm, {"robot": robot or _robot_of(caller, arm)}) for arm in found]
+        if len(found) > 1 or f"{found[0]}/{CONTACTS}" in topics:  # those of the scene, not of one of its arms
+            robots[0][1]["bodies_file"] = _parameter_of(caller, found[0], ("twin",), "bodies_file") or ""
+        return robots
 
 
 def _robot_of(caller: ServiceCaller, arm: str) -> str:
     """Return the robot of a running arm, by one of its nodes."""
+    found = _parameter_of(caller, arm, ("estimator", "controller", "twin"), "robot")
+    if found is None:
+        raise ConfigError("soro view", "--robot", None, "given, as no node of the arm has a robot")
+    return found
+
+
+def _parameter_of(caller: ServiceCaller, arm: str, nodes: Sequence[str], name: str) -> str | None:
+    """Return a parameter of the first node of an arm that runs; None without one."""
     from rcl_interfaces.srv import GetParameters
 
-    names = [f"{arm}/{node}" for node in ("estimator", "controller", "twin")]
-    known = [name for name in names if name in caller.offering("get_parameters")]
+    offering = caller.offering("get_parameters")
+    known = [f"{arm}/{node}" for node in nodes if f"{arm}/{node}" in offering]
     if not known:
-        raise ConfigError("soro view", "--robot", None, "given, as no node of the arm has a robot")
-    request = GetParameters.Request(names=["robot"])
+        return None
+    request = GetParameters.Request(names=[name])
     answer = caller.call(known[0], "get_parameters", GetParameters, request, 5.0)
     return str(answer.values[0].string_value)
 
@@ -128,7 +143,9 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
     from soro_lab.bag import BagReader
     from soro_lab.run_folder import bag_and_scene
     from soro_lab.scene import arm_of, load_scene
+    from soro_ros.recordings.bodies.tracks import tracks_of
     from soro_ros.view.access import Access
+    from soro_ros.view.moment import PRESSURES
     from soro_ros.view.recorded import RecordedPage, read, shape_of
     from soro_ros.view.server import ViewServer
 
@@ -154,10 +171,12 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
                 at, shape = arm.loaded_robot, shape_of(arm.loaded_robot, arm.discretisation)
                 own = arm.name if scene.arms else namespace or arm.name
                 arms[arm.prefix.rstrip("/")] = at, read(folder, own, shape, rate, say)
+        zero = f"/{scene.each[0].name}/{PRESSURES}" if scene is not None else ""
+        bodies = tracks_of(folder, scene, zero) if scene is not None else {}
         access = Access()
         server = ViewServer(access, port)
         try:
-            player = RecordedPage(server, arms, trail)
+            player = RecordedPage(server, arms, trail, bodies)
             typer.echo(f"view: {access.address(server.get_port())}")
             player.run(lambda: bool(ended))
         finally:

@@ -16,8 +16,10 @@ _ENTRIES = ("xx", "xy", "xz", "yy", "yz", "zz")
 _PLACES = np.triu_indices(3)
 
 
-def wrench(force_n: ArrayLike, stamp_ns: int, frame: str) -> WrenchStamped:
-    """Return a force (3,) [N] as a WrenchStamped without torque.
+def wrench(
+    force_n: ArrayLike, stamp_ns: int, frame: str, torque_nm: ArrayLike = (0.0, 0.0, 0.0)
+) -> WrenchStamped:
+    """Return a force (3,) [N] as a WrenchStamped, without torque unless it is given.
 
     Parameters
     ----------
@@ -27,11 +29,15 @@ def wrench(force_n: ArrayLike, stamp_ns: int, frame: str) -> WrenchStamped:
         Time of the message [ns].
     frame : str
         Name of the frame of its axes.
+    torque_nm : array_like (3,)
+        Torque [N m].
     """
     message = WrenchStamped()
     message.header.stamp, message.header.frame_id = messages.to_time(stamp_ns), frame
     f = message.wrench.force
     f.x, f.y, f.z = (float(value) for value in np.asarray(force_n))
+    t = message.wrench.torque
+    t.x, t.y, t.z = (float(value) for value in np.asarray(torque_nm))
     return message
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Collection, Iterator, Mapping
@@ -23,23 +24,14 @@ FIND_S = 4.0
 _POLL_S = 0.05
 
 
-def call(
-    node: Node, spin: Callable[[float], None], kind: Any, service: str, request: Any, limit_s: float
-) -> Any:
-    """Call a service and return its response.
+def answer(calling: Call, spin: Callable[[float], None], limit_s: float) -> Any:
+    """Wait for the answer to a call, close it, and return the response.
 
     Parameters
     ----------
-    node : Node
-        Node of the client.
+    calling : Call
     spin : callable
         Function that lets the node receive for a number of seconds.
-    kind : type
-        Type of the service.
-    service : str
-        Full name of the service.
-    request : object
-        Request.
     limit_s : float
         Time limit [s].
 
@@ -53,7 +45,6 @@ def call(
     SoroError
         If the service does not exist, or does not answer in time.
     """
-    calling = Call(node, kind, service, request)
     deadline = time.monotonic() + limit_s
     try:
         while not calling.done():
@@ -84,27 +75,33 @@ class Call:
         Full name of the service.
     request : object
         Request.
+    repeat_s : float
+        Period [s] after which an unanswered request is sent again, where that does no harm: Fast DDS drops
+        the answer to a client that the server has not found within 0.1 s, as on a busy machine.
     """
 
-    def __init__(self, node: Node, kind: Any, service: str, request: Any) -> None:
+    def __init__(self, node: Node, kind: Any, service: str, request: Any, repeat_s: float = math.inf) -> None:
         self._node, self._service, self._request = node, service, request
         self._client = node.create_client(kind, service)
-        self._future: Any = None
+        self._repeat_s, self._sent_s = repeat_s, -math.inf
+        self._futures: list[Any] = []
 
     def done(self) -> bool:
         """Send the request if the service exists; return whether it is answered."""
-        if self._future is None and self._client.service_is_ready():
-            self._future = self._client.call_async(self._request)
-        return self._future is not None and self._future.done()
+        is_due = not self._futures or time.monotonic() - self._sent_s > self._repeat_s
+        if is_due and self._client.service_is_ready():
+            self._sent_s = time.monotonic()
+            self._futures.append(self._client.call_async(self._request))
+        return any(future.done() for future in self._futures)
 
     @property
     def response(self) -> Any:
-        """The answer."""
-        return self._future.result()
+        """The first answer."""
+        return next(future for future in self._futures if future.done()).result()
 
     def failure(self, waited_s: float) -> str:
         """Return why there is no answer yet."""
-        found = "is not there" if self._future is None else f"did not answer within {waited_s:g} s"
+        found = f"did not answer within {waited_s:g} s" if self._futures else "is not there"
         return f"service {self._service} {found}"
 
     def close(self) -> None:
@@ -210,12 +207,12 @@ class ServiceCaller:
         return self._node
 
     def begin(self, node: str, service: str, kind: Any, request: Any) -> Call:
-        """Start to call ``NODE/service``; other parameters as in `call`."""
+        """Start to call ``NODE/service``; other parameters as in `Call`."""
         return Call(self._node, kind, f"{node}/{service}", request)
 
     def call(self, node: str, service: str, kind: Any, request: Any, limit_s: float) -> Any:
-        """Call ``NODE/service`` and return its response; other parameters as in `call`."""
-        return call(self._node, self.spin, kind, f"{node}/{service}", request, limit_s)
+        """Call ``NODE/service`` and return its response; parameters as in `Call` and `answer`."""
+        return answer(self.begin(node, service, kind, request), self.spin, limit_s)
 
     def message_of(self, node: str, limit_s: float) -> str:
         """Return the message of a node on /diagnostics; "" if there is none within `limit_s` [s]."""

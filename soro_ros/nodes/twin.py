@@ -1,6 +1,7 @@
 """The twin node: it simulates the robot and publishes the robot's topics, in real time or in lockstep.
 
 A process has one for each arm of its scene, in one `ArmWorld`: `soro_twin /hand/left /hand/right`.
+Beside bodies they move together, also in real time.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
@@ -33,7 +35,7 @@ from soro_ros.run.faults import FaultInterface
 from soro_ros.topics.chambers import ChamberInterface
 from soro_ros.topics.diagnostics import OK, OVER
 from soro_ros.topics.frame_check import FrameCheck
-from soro_ros.topics.twin_topics import BaseTopic, PushTopic, TwinTopics
+from soro_ros.topics.twin_topics import BaseTopic, BodyTopics, PushTopic, TwinTopics
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20
@@ -51,9 +53,11 @@ class TwinNode(SoroNode[TwinConfig]):
     live = ("limits.",)
     _link: PlantLinkClient | None = None
     _faults: FaultInterface | None = None
+    _bodies: BodyTopics | None = None
 
     def __init__(self, namespace: str | None = None, world: ArmWorld | None = None) -> None:
         self._world = world or ArmWorld()
+        self._mates: list[TwinNode] = []  # beside bodies all arms of the world, else this one
         self._world.arms.append(self)
         super().__init__(namespace)
 
@@ -95,7 +99,7 @@ class TwinNode(SoroNode[TwinConfig]):
         loop = qos.REPLAYED if config.pressures == "measured" else qos.loop(self._lockstep)
         self._topics = TwinTopics(self, robot, self._twin, loop, self._lockstep and self._sets_clock)
         frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
-        self._push = PushTopic(self, frames, self._stamp_now_ns)
+        self._push = PushTopic(self, frames, self._stamp_now_ns, takes=not config.bodies_file)
         if config.base_by_topic:
             BaseTopic(self, frames, self._stamp_now_ns, self._move_base)
         self.create_service(Trigger, "~/start", self._on_start)
@@ -127,6 +131,44 @@ class TwinNode(SoroNode[TwinConfig]):
             self._measured: tuple[int, Array] | None = None
             self._bridged = 0
             self.create_subscription(JointState, "chambers/state", self._on_measured, qos.REPLAY)
+        self._mates = [self]
+        if config.bodies_file:
+            self._join_bodies(config, loop)
+
+    def _join_bodies(self, config: TwinConfig, profile: QoSProfile) -> None:
+        """Build the world of arms and bodies, once the last arm is there."""
+        if config.pressures == "measured":
+            allowed = "none beside pressures: measured"
+            raise ConfigError("parameters of twin", "bodies_file", config.bodies_file, allowed)
+        arms = [arm for arm in self._world.arms if isinstance(arm, TwinNode)]
+        if not all(arm._mates for arm in arms):
+            return
+        from soro_core.bodies.files import load_bodies
+        from soro_core.twin.bodies import TwinBodies
+
+        several = len(arms) > 1
+        names = [arm.get_namespace().rpartition("/")[2] if several else "arm" for arm in arms]
+        twins = {name: arm._twin for name, arm in zip(names, arms, strict=True)}
+        bodies = load_bodies(config.bodies_file)
+
+        def build() -> None:
+            self._world.bodies = TwinBodies(bodies, twins, [arm.state for arm in arms])
+
+        try:
+            self.compile(build)
+        except ModelError as error:
+            found, _, allowed = str(error).partition("; allowed are ")
+            raise ConfigError("scene", "bodies", found, allowed or "a world that can be") from None
+        for arm in arms:
+            arm._mates = arms
+        place = arms[0].get_namespace()
+        arms[0]._bodies = BodyTopics(
+            arms[0],
+            place.rpartition("/")[0] if several else place,
+            list(bodies),
+            profile,
+            config.frames.world,
+        )
 
     def _warm_up(self) -> None:
         """Run one tick without output, which compiles its kernels."""
@@ -173,13 +215,18 @@ class TwinNode(SoroNode[TwinConfig]):
                 self.every(1e-4, self._advance_with_valves)
             else:
                 self._advance_with_commands()
-        else:
-            self.join()
-            # Time continues at the last tick.
-            self._epoch_ns = self.get_clock().now().nanoseconds - self._tick_ns()
+        elif all(arm.is_started for arm in self._mates):
+            for arm in self._mates:
+                arm.join()
+                # Time continues at the last tick.
+                arm._epoch_ns = self.get_clock().now().nanoseconds - arm._tick_ns()
+                arm._skipped = 0
             self._start_s = time.perf_counter() - self._state.tick / self._config.rate_hz
-            self._skipped = 0
             self.every(1.0 / self._config.rate_hz, self._advance_real_time)
+
+    @property
+    def state(self) -> TwinState:
+        return self._state
 
     @property
     def is_started(self) -> bool:
@@ -225,7 +272,8 @@ class TwinNode(SoroNode[TwinConfig]):
             self._end_tick()
             return
         frame, self._frame = self._frame, None
-        self._check_period(frame)
+        if self._lockstep:
+            self._check_period(frame)
         self._step_with_valves(self._link, frame)
 
     def show(self) -> None:
@@ -269,19 +317,35 @@ class TwinNode(SoroNode[TwinConfig]):
     def _advance_real_time(self) -> None:
         passed = int((time.perf_counter() - self._start_s) * self._config.rate_hz)
         due = passed - self._state.tick - self._skipped
+        mates = self._mates
         if due > CATCH_UP_TICKS:
-            self._skipped += due - CATCH_UP_TICKS
+            for arm in mates:
+                arm._skipped += due - CATCH_UP_TICKS
             due = CATCH_UP_TICKS
-        step = self._step_after_commands
-        if self._link is not None:
-            frame = self._link.latest()
-            if frame is None:  # the next call makes up for these ticks
-                return
-            step = partial(self._step_with_valves, self._link, frame)
+        frames = [arm._link.latest() if arm._link is not None else None for arm in mates]
+        waits = any(arm._link is not None and frame is None for arm, frame in zip(mates, frames, strict=True))
+        if waits or not all(arm.is_started for arm in mates):
+            return  # a later call makes up for these ticks
         for _ in range(due):
-            self._end_tick()
-            self._observe()
-            step()
+            self._move()
+            for arm in mates:
+                arm._observe()
+            for arm, frame in zip(mates, frames, strict=True):
+                arm._frame = frame
+                if arm._link is None:
+                    arm._begin_tick()
+            if self._link is not None:
+                self._move()
+            else:
+                # The nodes of this process answer first: the arm's motion can wait, a command cannot.
+                self.after_handover(self._move)
+
+    def _move(self) -> None:
+        """Move this arm by a tick if its input has been taken, and beside bodies all of them."""
+        if self._world.bodies is None:
+            self.step()
+        else:
+            self._world.move()
 
     def _on_measured(self, message: JointState) -> None:
         """Advance to the stamp of measured pressures, with linear interpolation between samples."""
@@ -306,16 +370,11 @@ class TwinNode(SoroNode[TwinConfig]):
             # Time is that of the recording, whose period differs a little from the nominal one.
             self._epoch_ns = stamp_ns - (self._state.tick + len(ways)) * self._period_ns
             for way in ways:
-                self._arrive(self._twin.step_pressures(self._state, way))
+                self.arrive(self._twin.step_pressures(self._state, way))
                 self._observe()
         self._measured = (stamp_ns, pressure)
 
     # One tick -------------------------------------------------------------------------------------
-    def _step_after_commands(self) -> None:
-        self._begin_tick()
-        # The nodes of this process answer first: the arm's motion can wait, a command cannot.
-        self.after_handover(self._end_tick)
-
     def _begin_tick(self) -> None:
         """Take the set points of this tick; later commands are for the next one."""
         self._slewed_ns = self._now_ns()
@@ -328,11 +387,11 @@ class TwinNode(SoroNode[TwinConfig]):
         now_ns, self._slewed_ns = self._slewed_ns, None
         self._limiter.judge(self._reading_pa, True, now_ns)
         self._chambers.report_latch()
-        self._arrive(self._twin.step_setpoints(self._state, self._limiter.state.setpoint_pa))
+        self.arrive(self._twin.step_setpoints(self._state, self._limiter.state.setpoint_pa))
 
     def _step_with_valves(self, link: PlantLinkClient, frame: PlantFrame) -> None:
         if not self._moves_air:
-            self._arrive(self._twin.step_pressures(self._state, self._pressures(frame)))
+            self.arrive(self._twin.step_pressures(self._state, self._pressures(frame)))
             return
         pressure = self._state.air.pressure_pa
         if not frame.action.spans:  # the valves have no frame of this twin yet
@@ -341,10 +400,10 @@ class TwinNode(SoroNode[TwinConfig]):
             action = frame.action
         else:  # the last action counts for the rest of the tick
             action = replace(frame.action, spans=((self._twin.dt, frame.action.spans[-1][1]),))
-        self._arrive(self._twin.step_valves(self._state, action))
+        self.arrive(self._twin.step_valves(self._state, action))
         link.answer(frame, self._state.air.pressure_pa)
 
-    def _arrive(self, state: TwinState) -> None:
+    def arrive(self, state: TwinState) -> None:
         self._state = state
         if not state.status.ok:
             self._running = False
@@ -367,6 +426,8 @@ class TwinNode(SoroNode[TwinConfig]):
         if self._is_commanded:
             self._chambers.publish(seen.reading_pa, stamp_ns)
         self._topics.publish_truth(self._state, seen, stamp_ns)
+        if self._bodies is not None and self._world.bodies is not None:
+            self._bodies.publish(self._world.bodies.now, stamp_ns)
 
     def _sample_ns(self, stamp_s: float) -> int:
         return self._epoch_ns + round(stamp_s * 1e9) + self._skipped * self._period_ns

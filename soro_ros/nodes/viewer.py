@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from geometry_msgs.msg import PoseStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -21,6 +22,7 @@ from rclpy.subscription import Subscription
 from soro_core.errors import SoroError
 from soro_core.extras import named_packages
 from soro_core.robot import load_robot
+from soro_ros.conversion.messages import is_pose, transform
 from soro_ros.process import command_line
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_nodes
@@ -118,7 +120,26 @@ class Viewer(SoroNode[ViewerConfig]):
             topic: self._listener.create_subscription(kind, topic, _ignore, _PROFILES.get(topic, _LAST))
             for topic, kind in TOPICS.items()
         }
+        self._bodies: Any = None
+        self._body_poses: dict[str, Subscription] = {}
+        if config.bodies_file:
+            self._make_bodies(config.bodies_file)
         self._screen.complete(config)
+
+    def _make_bodies(self, file: str) -> None:
+        """Draw what the arms touch; its topics are those of the scene, which is around several arms."""
+        from soro_core.bodies.files import load_bodies
+        from soro_ros.view.drawn_bodies import DrawnBodies
+
+        bodies, own = load_bodies(file), self.get_namespace().rstrip("/")
+        scene = own.rpartition("/")[0] if self._screen.arms > 1 else own
+        self._bodies = DrawnBodies(self._server, bodies)
+        self._body_poses = {
+            name: self._listener.create_subscription(
+                PoseStamped, f"{scene}/bodies/{name}/pose", _ignore, _LAST
+            )
+            for name in bodies
+        }
 
     def start(self) -> None:
         self.every(1.0 / self._config.rate_hz, self._draw)
@@ -148,8 +169,12 @@ class Viewer(SoroNode[ViewerConfig]):
         if self._past and moment.t_s < self._past[-1].t_s:  # a run began anew
             self._past.clear()
         self._past.append(moment)
+        poses = {name: _taken(one)[-1:] for name, one in self._body_poses.items()}
         if self._server.get_clients():
             self._page.show(self._past)
+            if self._bodies is not None:
+                known = {name: last[0].pose for name, last in poses.items() if last}
+                self._bodies.show({name: transform(pose) for name, pose in known.items() if is_pose(pose)})
 
 
 def _taken(subscription: Subscription) -> list[Any]:

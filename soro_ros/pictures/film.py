@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,9 +19,11 @@ from soro_core.robot.basis import radius_profile
 from soro_core.twin.config import described_plant
 from soro_core.twin.plant import true_robot
 from soro_lab.scene import Scene
+from soro_ros.recordings.bodies.tracks import BodyTrack
 from soro_ros.recordings.recording import RunRecording
 from soro_ros.recordings.report import in_control, pressure_bounds, read_run, tip_error
-from soro_ros.view.arm_shape import COLOURS, Camera, chambers, places, surface, walls
+from soro_ros.view.arm_shape import COLOURS, Camera, chambers, lit_faces, places, surface, walls
+from soro_ros.view.body_shape import colour_of, faces_of, grounds_of
 
 if TYPE_CHECKING:
     from matplotlib.collections import PolyCollection
@@ -47,13 +50,21 @@ class Take:
     pressure: Array
     command: Array
     most_pa: float
+    bodies: Sequence[BodyTrack] = ()
 
     def payload_kg(self, k: int) -> float:
         """Payload [kg] of a simulated arm at picture `k`; 0 for a real one, whose payload is not known."""
         return self.scene.twin.payload_at(float(self.t[k])) if self.scene.arm == "simulated" else 0.0
 
 
-def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) -> Take:
+def take(
+    bag: Path,
+    scene: Scene,
+    begin_s: float,
+    end_s: float,
+    rate_hz: float,
+    bodies: Sequence[BodyTrack] = (),
+) -> Take:
     """Read a run and compute the shape of its arm at each picture.
 
     A simulated arm is drawn as the twin's plant had it, a real one as the estimator found it.
@@ -68,6 +79,8 @@ def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) 
         First and last time [s] of the run; the film ends at the latest where the recording does.
     rate_hz : float
         Pictures a second.
+    bodies : sequence of BodyTrack
+        What the arms of the scene touch.
 
     Raises
     ------
@@ -95,7 +108,7 @@ def take(bag: Path, scene: Scene, begin_s: float, end_s: float, rate_hz: float) 
     if recording.wanted_tip.t.size:  # what the law says behind a trip reaches no valve
         command[~in_control(recording, t, scene.duration_s)] = np.nan
     most = max(pressure_bounds(scene)[1], float(np.nanmax(pressure, initial=0.0)))
-    return Take(scene, robot, recording, t, s, poses, pressure, command, most)
+    return Take(scene, robot, recording, t, s, poses, pressure, command, most, bodies)
 
 
 class AnimatedFigure:
@@ -131,13 +144,20 @@ class AnimatedFigure:
         path = shown.recording.wanted_tip
         inside = (path.t >= 0.0) & (path.t <= shown.scene.duration_s)
         self._wanted = path.value[inside]
-        body = shown.poses[..., :3, 3].reshape(-1, 3)
-        self._floor = float(body[:, 2].min()) - 0.02 * radius
-        seen = self._camera.project(np.concatenate([body, self._fallen(body), self._wanted]))
         self._planes: tuple[Plane, ...] = ()
         if shown.scene.arm == "simulated":
             contacts = described_plant(shown.robot, shown.scene.twin_node()).contacts
             self._planes = contacts.planes if contacts else ()
+        self._bodies = [(one, faces_of(one.body), colour_of(one.body)) for one in shown.bodies]
+        self._planes = (*self._planes, *grounds_of(one.body for one in shown.bodies))
+        near = [
+            faces.reshape(-1, 3) + track.at(t)[:3, 3]
+            for track, faces, _ in self._bodies
+            for t in (shown.t[0], shown.t[-1])
+        ]
+        body = np.concatenate([shown.poses[..., :3, 3].reshape(-1, 3), *near])
+        self._floor = float(body[:, 2].min()) - 0.02 * radius
+        seen = self._camera.project(np.concatenate([body, self._fallen(body), self._wanted]))
         self._body = body
         self._walls = PolyCollection([], facecolors="#e8dcc4", edgecolors="#a08c63")
         axis.add_collection(self._walls)
@@ -165,16 +185,23 @@ class AnimatedFigure:
         part = np.clip(shown.pressure[k] / shown.most_pa, 0.0, 1.0)
         payload_kg = shown.payload_kg(k)
         faces = surface(shown.robot, shown.s, shown.poses[k], dict(zip(names, part, strict=True)), payload_kg)
-        _show_faces(self._shadow, self._camera.project(self._fallen(faces.corners)))
+        solid = [(faces.corners, faces.colours)]
+        for track, corners, colour in self._bodies:
+            pose = track.at(float(shown.t[k]))
+            lit = lit_faces(corners @ pose[:3, :3].T + pose[:3, 3], colour)
+            solid.append((lit.corners, lit.colours))
+        every = np.concatenate([corners for corners, _ in solid])
+        _show_faces(self._shadow, self._camera.project(self._fallen(every)))
         width = 0.045 * shown.robot.links[0].radius
         true = shown.recording.true_tip
         passed = (true.t >= shown.t[k] - TRACE_S) & (true.t <= shown.t[k]) & (true.t >= 0.0)
+        path = self._ribbon(true.value[passed], 1.3 * width, _RED, shown.poses[k, -1, :3, 3])
+        path[0][..., 2] += 8 * width  # over the reference where the two are together
         pieces = [
-            (self._camera.project(faces.corners), faces.colours),
+            *((self._camera.project(corners), colours) for corners, colours in solid),
             self._ribbon(self._wanted, 1.6 * width, _PALE, shown.poses[k, -1, :3, 3]),
-            self._ribbon(true.value[passed], 1.3 * width, _RED, shown.poses[k, -1, :3, 3]),
+            path,
         ]
-        pieces[2][0][..., 2] += 8 * width  # over the reference where the two are together
         corners = np.concatenate([corners for corners, _ in pieces])
         order = np.argsort(corners[..., 2].mean(axis=1))
         colours = np.concatenate([colours for _, colours in pieces])[order]

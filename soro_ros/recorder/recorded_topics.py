@@ -39,7 +39,17 @@ def recorded_topics(scene: Scene) -> tuple[str, ...]:
     clock = [f"/clock rosgraph_msgs/msg/Clock{kept}"] if lockstep else []
     named = [topic for arm in scene.each for topic in _of_arm(arm, kept)]
     backbones = [f"/{arm.name}/arm/backbone {_BACKBONE}" for arm in scene.each]
+    named += _of_bodies(scene, kept)
     return (*named, *clock, *backbones, f"/diagnostics {_DIAGNOSTICS}", f"/{scene.name}/*")
+
+
+def _of_bodies(scene: Scene, kept: str) -> list[str]:
+    if not scene.bodies:
+        return []
+    kinds = ("pose", "geometry_msgs/msg/PoseStamped"), ("wrench", "geometry_msgs/msg/WrenchStamped")
+    place = f"/{scene.name}/bodies"
+    topics = [f"{place}/{name}/{topic} {kind}{kept}" for name in scene.bodies for topic, kind in kinds]
+    return [*topics, f"{place}/contacts sensor_msgs/msg/JointState{kept}"]
 
 
 def _of_arm(scene: Scene, kept: str) -> list[str]:

@@ -238,6 +238,7 @@ def write(
     summary: Summary | None,
     verdict: Verdict,
     arms: Mapping[str, tuple[Summary | None, Verdict]] | None = None,
+    bodies: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> None:
     """Write ``summary.json`` with the figures, if any, and the verdict.
 
@@ -251,8 +252,12 @@ def write(
         The verdict.
     arms : mapping of str to tuple, optional
         Figures and verdict of each arm by its name, where there are several.
+    bodies : mapping of str to mapping, optional
+        Figures of each body by its name.
     """
     figures = _figures(summary, verdict)
+    if bodies:
+        figures["bodies"] = dict(bodies)
     if arms:
         figures["arms"] = {name: _figures(*one) for name, one in arms.items()}
     (folder / "summary.json").write_text(json.dumps(figures, indent=2))

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 from rclpy.node import Node
 
@@ -20,40 +19,20 @@ from soro_lab.bag.config import RecorderConfig
 from soro_lab.scene import Scene
 from soro_ros.host import claims
 from soro_ros.host.claims import Claims
-from soro_ros.host.pulse import Pulse
 from soro_ros.recorder.recorded_topics import recorded_topics
-from soro_ros.run import processes
 from soro_ros.run.forks import ForkServer
 from soro_ros.run.loop_nodes import OBSERVERS, LoopNodes, control_loop
-from soro_ros.run.processes import Child, NodeError
-from soro_ros.run.start_progress import StartProgress
+from soro_ros.run.processes import NodeError
+from soro_ros.run.run_processes import END_ORDER, START_LIMIT_S, RunProcesses, kind_of
 from soro_ros.run.supervisor import RunMonitor
-from soro_ros.run.valves import Links, start_valves, wait_for_valves
 from soro_ros.topics.diagnostics import OVER
 
-# Longest start of nodes [s], without the time in which they compile kernels.
-START_LIMIT_S = 180.0
 # The user starts the driver of a real arm's pose sensor.
 POSE_LIMIT_S = 20.0
 # Running nodes discover each other within two seconds.
 LOOP_LIMIT_S = 30.0
 # Longest probe of the chambers [s].
 PROBE_LIMIT_S = 180.0
-# Time limits of an end [s]: the regulator vents and checks its readings, the recorder writes its buffer.
-_END_LIMITS_S = {"regulator": 10.0, "recorder": 10.0}
-_END_LIMIT_S = 5.0
-# Order of the end: first the node that drives the valves, last the recorder and the valves themselves.
-END_ORDER = (
-    "regulator",
-    "exciter",
-    "controller",
-    "estimator",
-    "shadow",
-    "twin",
-    "markers",
-    "recorder",
-    "valves",
-)
 # Longest wait for a controller to command zero, at the end and after Ctrl-C; then the valves are vented [s].
 ZERO_LIMIT_S, URGENT_S = 2.0, 0.5
 # A run that hangs may be longer than its scene by this time, in which control begins [s].
@@ -88,33 +67,17 @@ class Run:
         loop: LoopNodes | None = None,
         forks: ForkServer | None = None,
     ) -> None:
-        self._forks = forks
         self.scene, self.folder, self._report, self._interrupted = scene, folder, report, interrupted
         self._loop = loop or control_loop(scene)
         self.bag = folder / "bag"
         """Folder of the bag."""
-        self.nodes: list[str] = []
-        """Names of the nodes that have been started."""
-        self._children: dict[str, Child] = {}
-        # The scenes of platforms: nodes that run one stand behind the name of its arm.
-        self._platforms = scene.platforms
-        self._links = {one.prefix: Links() for one in self._platforms if one.emulates}
-        # The nodes that drive the valves; they vent when they end.
-        self._drivers = [
-            *(f"{one.prefix}regulator" for one in self._platforms),
-            *(f"{arm.prefix}twin" for arm in scene.each if not arm.platform),
-        ]
+        self.processes = RunProcesses(scene, folder, report, self.check, forks)
+        """What has been started."""
         self.has_started = False
         """Whether control has started."""
-        self._progress: StartProgress | None = None
         self.has_begun = False
         """Whether control has been enabled: nothing moves before."""
-        self._status: dict[str, int] = {}
         self._claims = Claims()
-        # In lockstep no air moves, and the time of the nodes is not that of this program.
-        self._pulses = (
-            {name: Pulse() for name in self._drivers} if scene.mode == "real_time" else dict[str, Pulse]()
-        )
         self.warnings: dict[str, str] = {}
         """What became of an observer while the arm went on, by the name of its node."""
         self.recording_failure = ""
@@ -151,23 +114,18 @@ class Run:
         SoroError
             If a process ends or a node reports an error.
         """
-        scene, forks = self.scene, self._forks
+        scene, forks = self.scene, self.processes.forks
         self.check()
         if forks is not None:
             supervisor.wait("fork server", forks.has_answered, self.check, START_LIMIT_S)
-        for one in self._platforms:
-            if one.emulates:
-                self._report(f"starting emulated valves of {one.platform}")
-                valves = start_valves(one, self.folder, self._links[one.prefix], self._starter.start)
-                self._children[f"{one.prefix}valves"] = valves
-                wait_for_valves(valves, self.check)
+        self.processes.start_valves()
         if scene.recorder.enabled:
             topics, exclude = recorded_topics(scene), scene.recorder.exclude
             notes = tuple(f"{name}={version}" for name, version in versions().items())
             recorder = RecorderConfig(
                 mode=scene.mode, folder=str(self.bag), topics=topics, exclude=exclude, notes=notes
             )
-            self._start_nodes(supervisor, {"recorder": recorder})
+            self.processes.start_nodes(supervisor, {"recorder": recorder})
         # A law from outside is not run in the server: its threads, or a device, would not live on in a fork.
         is_warmed = self._loop.commander == "controller" and all(
             arm.controller.law in SHIPPED for arm in scene.each
@@ -183,31 +141,33 @@ class Run:
         if scene.markers:
             nodes |= {f"{arm.prefix}markers": arm.markers_node() for arm in scene.each}
         supervisor.look()
-        if forks is not None and is_warmed:
-            self._wait_in_start(supervisor, "kernels", forks.has_answered, len(nodes))
-        self._start_nodes(supervisor, nodes)
-        if self._platforms:
+        if is_warmed:
+            self.processes.wait_for_kernels(supervisor, len(nodes))
+        self.processes.start_nodes(supervisor, nodes)
+        if self.scene.platforms:
             # Last, when no node compiles any more: its deadlines start with its first exchange.
-            regulators = {f"{one.prefix}regulator": self._regulator(one) for one in self._platforms}
-            self._start_nodes(supervisor, regulators)
+            regulators = {f"{one.prefix}regulator": self._regulator(one) for one in self.scene.platforms}
+            self.processes.start_nodes(supervisor, regulators)
         if scene.arm == "real":
             for arm in scene.each:
                 self._wait_for_arm(supervisor, arm.prefix)
         if scene.mode == "real_time":
             # Before the nodes have discovered each other, the controller would act on old readings.
             command = f"command of the {self._loop.commander}, which answers readings"
-            check = partial(self._check_start, supervisor)
+            check = partial(self.processes.check_start, supervisor)
             supervisor.wait(command, lambda: supervisor.commanded, check, LOOP_LIMIT_S)
-        self._check_start(supervisor)
+        self.processes.check_start(supervisor)
         if scene.mode == "lockstep":
             supervisor.check_clock()
 
     def _twin(self, arm: Scene) -> Strict:
-        links = self._links.get("" if arm.is_shared else arm.prefix)
-        return arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
+        links = self.processes.links.get("" if arm.is_shared else arm.prefix)
+        config = arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
+        bodies = str(self.folder / "scene_used.yaml") if self.scene.bodies else ""
+        return with_changes(config, bodies_file=bodies)
 
     def _regulator(self, one: Scene) -> Strict:
-        return one.regulator_node(str(self._links[one.prefix].device) if one.emulates else "")
+        return one.regulator_node(str(self.processes.links[one.prefix].device) if one.emulates else "")
 
     def begin(self, supervisor: RunMonitor) -> None:
         """Enable the controller, inject the scene's faults, and start the clock and what the twin plans.
@@ -220,7 +180,7 @@ class Run:
             If the controller refuses to begin.
         """
         self.has_started = True
-        for pulse in self._pulses.values():
+        for pulse in self.processes.pulses.values():
             pulse.begin(self.scene.duration_s + _BEGIN_S)
         scene = self.scene
         is_probed = self._loop.commander == "controller" and any(
@@ -247,9 +207,9 @@ class Run:
 
     def _inject(self) -> None:
         """Inject the scene's faults."""
-        for one in self._platforms:
+        for one in self.scene.platforms:
             if one.faults:
-                with contextlib.closing(ControlClient(self._links[one.prefix].faults)) as client:
+                with contextlib.closing(ControlClient(self.processes.links[one.prefix].faults)) as client:
                     for fault in one.faults:
                         client.inject(fault)
 
@@ -260,7 +220,7 @@ class Run:
         """
         if self._interrupted:
             raise KeyboardInterrupt
-        for child in self._children.values():
+        for child in self.processes.children.values():
             if child.process.poll() is not None:
                 if not self._spares(child.name):
                     raise NodeError(child.name, child.end_report())
@@ -283,7 +243,7 @@ class Run:
         SoroError
             If a process or a node fails, or this program itself stood still.
         """
-        for driver, pulse in self._pulses.items():
+        for driver, pulse in self.processes.pulses.items():
             pulse.renew(left_s + _END_S)
             if still_s := pulse.stood_still_s:
                 raise SoroError(
@@ -291,11 +251,11 @@ class Run:
                     f"{driver} has vented the arm"
                 )
         self.check()
-        essential = [name for name in self.nodes if not self._spares(name)]
+        essential = [name for name in self.processes.nodes if not self._spares(name)]
         supervisor.check(essential, spares_requested=not self._loop.empties)
         supervisor.check_silence(essential)
-        for name in set(self.nodes) - set(essential):
-            if self._children[name].process.poll() is not None:
+        for name in set(self.processes.nodes) - set(essential):
+            if self.processes.children[name].process.poll() is not None:
                 continue
             if failure := supervisor.error(name):
                 self._warn(name, failure, has_failed=True)
@@ -304,7 +264,7 @@ class Run:
 
     def _spares(self, name: str) -> bool:
         """Whether the run goes on without a node now."""
-        return self.has_started and _kind(name) in self._loop.observers
+        return self.has_started and kind_of(name) in self._loop.observers
 
     def _warn(self, name: str, line: str, has_failed: bool = False) -> None:
         """Report once what became of an observer; `has_failed` if it does not do its work any more."""
@@ -326,12 +286,12 @@ class Run:
             Whether an error has ended the run, such as a trip.
         """
         scene, interrupts = self.scene, len(self._interrupted)
-        vented = any(map(supervisor.error, self._drivers))
+        vented = any(map(supervisor.error, self.processes.drivers))
         skips = not vented if has_failed else self._loop.empties and not interrupts
         if skips or not (self.has_started and scene.recorder.enabled):
             return
         limit_s = scene.limits.vent_limit_s + REST_S
-        for pulse in self._pulses.values():
+        for pulse in self.processes.pulses.values():
             pulse.renew(limit_s + _END_S)
         lockstep = scene.mode == "lockstep"
         if not has_failed and (interrupts or not lockstep):  # in lockstep the controller ends by itself
@@ -347,7 +307,7 @@ class Run:
         def goes_on() -> bool:
             """Return whether readings may still come, and nobody asks for the end once more."""
             twin = supervisor.status.get(f"{scene.each[0].prefix}twin")
-            drivers = [self._children.get(name) for name in self._drivers]
+            drivers = [self.processes.children.get(name) for name in self.processes.drivers]
             ended = any(driver is None or driver.process.poll() is not None for driver in drivers)
             return not (ended or (twin and twin.message == OVER) or len(self._interrupted) > interrupts)
 
@@ -359,105 +319,33 @@ class Run:
         An observer of a run that had started is no such process: `warnings` have its line.
         """
         unclean = {}
-        order = {kind: place for place, kind in enumerate(END_ORDER)}
-        for name in sorted(self._children, key=lambda name: (name not in self._drivers, order[_kind(name)])):
-            child = self._children.pop(name)
-            self._status[name], forced = processes.stop(child, _END_LIMITS_S.get(_kind(name), _END_LIMIT_S))
-            if self._status[name] != 0 and self._spares(name):
-                self._warn(name, child.end_report(forced), has_failed=True)
-            elif self._status[name] != 0:
-                unclean[name] = child.end_report(forced)
+        for name, line in self.processes.end():
+            if self._spares(name):
+                self._warn(name, line, has_failed=True)
+            else:
+                unclean[name] = line
         self._claims.close()
-        for links in self._links.values():
-            links.close()
-        for pulse in self._pulses.values():
-            pulse.close()
         return unclean
-
-    @property
-    def _starter(self) -> Any:
-        """What starts a process."""
-        return self._forks or processes
 
     @property
     def refused(self) -> bool:
         """Whether a node refused its configuration before the begin; after `end`."""
-        return not self.has_started and 2 in self._status.values()
+        return not self.has_started and 2 in self.processes.status.values()
 
     def outcome(self) -> str:
         """State of valves and bag, in one line; after `end`."""
         if not self.has_started:
             air = "ended before control began"
-        elif not (left := [name for name in self._drivers if self._status.get(name) != 0]):
+        elif not (left := [name for name in self.processes.drivers if self.processes.status.get(name) != 0]):
             air = "vented"
         else:
             others = "valves with a watchdog vent by themselves, others by the second process"
             air = f"the {', '.join(left)} ended without venting ({others})"
         if not self.bag.exists():
             return air
-        if self._status.get("recorder") == 0:
+        if self.processes.status.get("recorder") == 0:
             return f"{air}; bag closed"
         return f"{air}; the bag is not closed: soro bag repair {self.bag}"
-
-    def _start_nodes(self, supervisor: RunMonitor, configs: Mapping[str, Strict]) -> None:
-        """Start nodes with their parameters and wait until all of them are active."""
-        self.check()
-        supervisor.check_alone(configs)
-        self._report(f"starting {', '.join(configs)}")
-        ending = {name: with_changes(config, end_on_failed_start=True) for name, config in configs.items()}
-        # The twins of several arms are one process, because they are one world.
-        twins = {name: config for name, config in ending.items() if _kind(name) == "twin"}
-        groups = [{name: config} for name, config in ending.items() if len(twins) < 2 or name not in twins]
-        for nodes in ([twins] if len(twins) > 1 else []) + groups:
-            (name, config), *others = nodes.items()
-            if others:
-                command = processes.arms_command(nodes, self.scene.name, self.folder)
-            else:
-                command = processes.node_command(name, config, self.scene.name, self.folder)
-            pulse = self._pulses.get(name)
-            called = _kind(name) if others else name
-            pipe = pulse.pipe if pulse else None
-            child = self._starter.start(called, command, self.folder, pipe=pipe)
-            for node in nodes:
-                self._children[node] = child
-                self.nodes.append(node)
-                supervisor.listen_to(node, child.process.pid)
-
-        def missing() -> list[str]:
-            return [name for name in configs if not supervisor.active(name)]
-
-        def advice() -> str:
-            return (
-                f": {', '.join(missing())} did not become active (see {self.folder / 'log'}); "
-                "on a busy machine run it again: compiled kernels are kept"
-            )
-
-        self._wait_in_start(supervisor, "answer of all nodes", lambda: not missing(), advice=advice)
-
-    def _wait_in_start(
-        self,
-        supervisor: RunMonitor,
-        what: str,
-        ready: Callable[[], bool],
-        to_come: int = 0,
-        advice: Callable[[], str] = str,
-    ) -> None:
-        """Wait for a part of the start, which may compile, and tell how far it is; `to_come` nodes follow."""
-        progress = self._progress = self._progress or StartProgress(self._report)
-
-        def check() -> None:
-            self._check_start(supervisor)
-            progress.tell(sum(map(supervisor.active, self.nodes)), len(self.nodes) + to_come)
-
-        supervisor.wait(what, ready, check, START_LIMIT_S, progress.is_compiling, advice)
-
-    def _check_start(self, supervisor: RunMonitor) -> None:
-        """Raise SoroError if a process has ended, or another run has nodes of the same names.
-
-        Two controllers of one name would command both arms.
-        """
-        self.check()
-        supervisor.check_alone(self.nodes)
 
     def _wait_for_arm(self, supervisor: RunMonitor, arm: str) -> None:
         """Wait until a sample of a real arm has come to the node that needs it."""
@@ -470,8 +358,3 @@ class Run:
             return int(supervisor.values(node).get(count, 0)) > 0
 
         supervisor.wait(what, arrived, self.check, POSE_LIMIT_S)
-
-
-def _kind(name: str) -> str:
-    """Return the name of a node without that of its arm."""
-    return name.rpartition("/")[2]

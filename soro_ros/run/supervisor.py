@@ -34,6 +34,8 @@ DEAF_S = 1.0
 LOOK_S = 1.5
 # Longest time without a reading while an arm becomes empty [s].
 SILENT_READINGS_S = 2.0
+# Time after which a service is called again [s], longer than one that is busy takes.
+REPEAT_S = 2.0
 _COMMAND, _DESIRED, _READINGS = "chambers/command", "arm/desired/tip", "chambers/state"
 
 
@@ -233,12 +235,16 @@ class RunMonitor:
     def call(self, service: str, limit_s: float = 10.0) -> str:
         """Call a Trigger service of the robot's namespace and return its message.
 
+        It is called again while it does not answer, which must do no harm: a second ~/enable behind a vent is
+        refused by the latch, a second ~/reset would open a latch that has closed between.
+
         Raises
         ------
         SoroError
             If it is not there, does not answer, or refuses.
         """
-        response = services.call(self.node, self.spin, Trigger, service, Trigger.Request(), limit_s)
+        calling = services.Call(self.node, Trigger, service, Trigger.Request(), REPEAT_S)
+        response = services.answer(calling, self.spin, limit_s)
         if not response.success:
             raise SoroError(f"{service}: {response.message}")
         return str(response.message)

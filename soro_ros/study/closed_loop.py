@@ -68,13 +68,7 @@ def twin_of(scene: Scene, plant: Robot | None = None) -> Twin:
 def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
     """Run the loop of a scene in lockstep; a command passes the limiter a tick after what it answers.
 
-    A probe comes before the time of the scene, as in real time.
-
-    Parameters
-    ----------
-    scene : Scene
-    plant : Robot, optional
-        The true robot, in place of what the scene says.
+    A probe comes before the time of the scene, as in real time. Its parameters as in `twin_of`.
 
     Raises
     ------
@@ -170,6 +164,7 @@ class _Recorder:
         self._rows: dict[str, list[tuple[float, Array]]] = {}
         self._said = list[NodeStatus]()
         self._last = {"controller": "", "estimator": ""}
+        self._command: Command | None = None
 
     def take(self, tick: RunTick) -> None:
         """Note a tick."""
@@ -182,6 +177,7 @@ class _Recorder:
             rows["command"] = command.setpoint_pa
             if command.terms is not None:  # the law has begun
                 rows["wanted_tip"] = command.tip_reference[:3, 3]
+                self._command = command
         for name, row in rows.items():
             self._rows.setdefault(name, []).append((tick.t_s, np.array(row)))
         now = {"estimator": add_prefix(NO_ESTIMATE, estimate.status.message) or estimate.status.note}
@@ -211,7 +207,8 @@ class _Recorder:
             wanted_tip=series("wanted_tip"),
             command=series("command", self._names),
             reading=series("reading", self._names),
-            estimates=EMPTY,
+            estimates=self._learned(start_s, "estimates"),
+            deviations=self._learned(start_s, "deviations"),
             diagnostics={},
             faults=faults,
             true_state=series("true_state"),
@@ -219,3 +216,12 @@ class _Recorder:
             events=tuple(trips),
             said=tuple(one._replace(t_s=one.t_s - start_s) for one in self._said),
         )
+
+    def _learned(self, start_s: float, which: str) -> TopicSeries:
+        """Return what the law had learned at its end, one sample: its numbers, or their deviations."""
+        command = self._command
+        if command is None:
+            return EMPTY
+        numbers = command.estimates if which == "estimates" else command.deviations()
+        at = np.array([self._rows["wanted_tip"][-1][0] - start_s])
+        return TopicSeries(at, np.array([list(numbers.values())]), tuple(numbers)) if numbers else EMPTY

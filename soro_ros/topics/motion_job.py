@@ -231,17 +231,7 @@ class MotionReports:
         self._publish(REFUSED, ERROR, text, {"topic": topic, "stamp_ns": stamp_ns})
 
     def report(self, job: Job, text: str, t: float | None = None, off_m: float | None = None) -> None:
-        """Report the state of a motion.
-
-        Parameters
-        ----------
-        job : Job
-        text : str
-        t : float, optional
-            Time [s].
-        off_m : float, optional
-            Distance of the tip from the end [m].
-        """
+        """Report the state of a motion; parameters as in `end`."""
         values: dict[str, object] = {"topic": job.topic, "stamp_ns": job.stamp_ns}
         if t is not None:
             job.reported_s = t

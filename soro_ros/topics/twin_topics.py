@@ -1,8 +1,9 @@
-"""The topics of the twin: samples of its sensors, the truth, what pushes on it, and the clock in lockstep."""
+"""The topics of the twin: samples of its sensors, truth of arm and bodies, what pushes on it, the clock."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, WrenchStamped
@@ -20,6 +21,9 @@ from soro_ros.conversion import messages, qos
 from soro_ros.conversion.force import force_of, torque_of, wrench
 from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import is_read
+
+if TYPE_CHECKING:  # a scene without bodies has none of their code
+    from soro_core.twin.bodies import BodyTick
 
 
 class TwinTopics:
@@ -171,10 +175,12 @@ class PushTopic:
         Refuses wrenches in another frame than the world.
     now_ns : callable
         Gives the time [ns] of stamps now; one of 0 counts as that of its arrival.
+    takes : bool
+        Whether the arm can be pushed; one beside bodies is pushed by these alone.
     """
 
-    def __init__(self, node: Node, frames: FrameCheck, now_ns: Callable[[], int]) -> None:
-        self._node, self.frames, self._now_ns = node, frames, now_ns
+    def __init__(self, node: Node, frames: FrameCheck, now_ns: Callable[[], int], takes: bool = True) -> None:
+        self._node, self.frames, self._now_ns, self._takes = node, frames, now_ns, takes
         self._newest = 0, *_NOTHING
         node.create_subscription(WrenchStamped, PUSHED, self._on_wrench, qos.SENSOR)
 
@@ -194,7 +200,64 @@ class PushTopic:
         # What is not finite is not less.
         if not ((np.abs(force) <= LARGEST_N).all() and (np.abs(torque) <= LARGEST_NM).all()):
             refused = f"allowed: at most {LARGEST_N:g} N and {LARGEST_NM:g} N m along each axis, finite"
+        if not self._takes:
+            refused = "allowed: in a scene without bodies"
         if refused:
             self._node.get_logger().warning(f"{PUSHED} refused: {refused}", throttle_duration_sec=1.0)
             return
         self._newest = stamp_ns, force, torque
+
+
+CONTACTS = "bodies/contacts"
+
+
+class BodyTopics:
+    """Publishers of the truth of bodies.
+
+    Each body has a topic of its own: a pose of a PoseArray has no name, and programs follow one body.
+
+    Parameters
+    ----------
+    node : Node
+        Owner of the topics.
+    namespace : str
+        Of the scene: ``/grasp_ball``.
+    names : sequence of str
+        Of the bodies.
+    profile : QoSProfile
+        Quality of service.
+    world : str
+        Frame of the world.
+    """
+
+    def __init__(
+        self, node: Node, namespace: str, names: Sequence[str], profile: QoSProfile, world: str
+    ) -> None:
+        self._world, place = world, f"{namespace.rstrip('/')}/bodies"
+        self._poses = [node.create_publisher(PoseStamped, f"{place}/{name}/pose", profile) for name in names]
+        self._wrenches = [
+            node.create_publisher(WrenchStamped, f"{place}/{name}/wrench", profile) for name in names
+        ]
+        self._contacts = node.create_publisher(JointState, f"{namespace.rstrip('/')}/{CONTACTS}", profile)
+
+    def publish(self, now: BodyTick, stamp_ns: int) -> None:
+        """Publish poses, sums of contact forces about the centres, and the normal force of each contact.
+
+        Parameters
+        ----------
+        now : BodyTick
+        stamp_ns : int
+            Time of the tick [ns].
+        """
+        for b, name in enumerate(now.names):
+            if is_read(self._poses[b]):
+                pose = np.eye(4)
+                pose[:3, :3], pose[:3, 3] = now.state.rotation[b], now.state.place[b]
+                self._poses[b].publish(messages.pose_stamped(pose, stamp_ns, self._world))
+            if is_read(self._wrenches[b]):
+                force, torque = now.wrench(name, now.state.place[b])
+                self._wrenches[b].publish(wrench(force, stamp_ns, self._world, torque))
+        if is_read(self._contacts):
+            pairs = ["/".join(pair) for pair in now.pushes]
+            normal = np.array([normal for _, _, normal in now.pushes.values()])
+            self._contacts.publish(messages.chambers(pairs, normal, stamp_ns))

@@ -227,7 +227,7 @@ def surface(robot: Robot, s: Array, poses: Array, pressure: dict[str, float], pa
     for body in bodies(robot, payload_kg):
         rings = body.rings(between(s, poses, body.s), _AROUND)
         part = full_part(pressure.get(body.name, 0.0)) if body.name in names else 1.0
-        parts.append(_lit(_quads(rings), shade(body.colour, part)))
+        parts.append(lit_faces(_quads(rings), shade(body.colour, part)))
     return Faces(np.concatenate([p.corners for p in parts]), np.concatenate([p.colours for p in parts]))
 
 
@@ -256,7 +256,7 @@ def _quads(rings: Array) -> Array:
     return np.stack(corners, axis=2).reshape(-1, 4, 3)
 
 
-def _lit(corners: Array, colour: Array) -> Faces:
+def lit_faces(corners: Array, colour: Array) -> Faces:
     """Faces that are the brighter the more they face the light."""
     normal = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     size = np.linalg.norm(normal, axis=1, keepdims=True)

@@ -8,6 +8,7 @@ import time
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from soro_core.config import with_changes
 from soro_core.errors import SoroError
 from soro_lab.scene import Scene
 from soro_ros.run import processes
@@ -47,6 +48,9 @@ def viewing(scene: Scene, folder: Path, interrupted: Sequence[int]) -> Iterator[
             )
             for arm in with_robot_files(scene, folder).each
         }
+        if scene.bodies:
+            first = next(iter(configs))
+            configs[first] = with_changes(configs[first], bodies_file=str(folder / "scene_used.yaml"))
         if scene.arms:
             command = processes.arms_command(configs, scene.name, folder)
         else:

@@ -17,6 +17,8 @@ from soro_core.errors import BagError
 from soro_core.robot import Discretisation, Robot
 from soro_lab.bag import BagMessage, BagReader
 from soro_ros.conversion.decoding import Messages
+from soro_ros.recordings.bodies.tracks import BodyTrack
+from soro_ros.view.drawn_bodies import DrawnBodies
 from soro_ros.view.moment import BACKBONE, DIAGNOSTICS, PRESSURES, STALE_S, TOPICS, Moment, Received
 from soro_ros.view.page import ViewerPage, set_value
 
@@ -125,6 +127,8 @@ class RecordedPage:
         Robot and moments of each arm by its name; that of a single one may be empty. The first sets the time.
     trail_s : float
         Length of trails and plots [s].
+    bodies : mapping of str to BodyTrack, optional
+        What the arms touch, by name.
     """
 
     def __init__(
@@ -132,7 +136,10 @@ class RecordedPage:
         server: viser.ViserServer,
         arms: Mapping[str, tuple[Robot, Sequence[Moment]]],
         trail_s: float,
+        bodies: Mapping[str, BodyTrack] | None = None,
     ) -> None:
+        self._tracks = bodies or {}
+        self._bodies = DrawnBodies(server, {name: track.body for name, track in self._tracks.items()})
         self._server, self._trail_s = server, trail_s
         self._recorded = [moments for _, moments in arms.values()]
         self._times = [moment.t_s for moment in self._recorded[0]]
@@ -168,6 +175,7 @@ class RecordedPage:
             at_once, self._moved = self._moved, False
             for page, recorded in zip(self._pages, self._recorded, strict=True):
                 page.show(self.shown(recorded), at_once)
+            self._bodies.show({name: track.at(self._t_s) for name, track in self._tracks.items()})
 
     def shown(self, recorded: Sequence[Moment]) -> Sequence[Moment]:
         """Return the moments of an arm's trail, the last of which is the present one."""
@@ -210,16 +218,6 @@ def read(
     rate_hz: float,
     say: Callable[[str], None] = lambda line: None,
 ) -> list[Moment]:
-    """Read a bag, see `moments`.
-
-    Parameters
-    ----------
-    bag : Path
-    namespace : str
-        Of the arm's nodes; empty: of the only arm.
-    shape : callable or None
-    rate_hz : float
-    say : callable
-    """
+    """Read a bag, with an empty namespace that of its only arm; other parameters as in `moments`."""
     with BagReader(bag) as reader:
         return moments(reader, namespace_of(reader, namespace), shape, rate_hz, say)

@@ -61,8 +61,15 @@ def test_the_section_of_design_has_all_its_parts(run):
     assert result.exit_code == 0, result.output
     assert text.count("### ") == len(SECTIONS["design"].PARTS)
     assert "| 20 | 17.11 |" in text
-    assert "| SuperLU |" in text
     assert "nan" not in text
+
+
+@pytest.mark.slow
+def test_the_sections_of_the_solver(run):
+    result, text = run("--only", "solver")
+    assert result.exit_code == 0, result.output
+    assert "| bellow | 570 |" in text
+    assert "| SuperLU |" in text
 
 
 def test_sections_not_asked_for_stay(run, tmp_path):

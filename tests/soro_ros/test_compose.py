@@ -9,7 +9,7 @@ import pytest
 from soro_core.errors import SoroError
 from soro_lab.scene import load_scene
 from soro_ros.process import kernels
-from soro_ros.run import compose, loop_nodes, processes
+from soro_ros.run import loop_nodes, processes, run_processes
 from soro_ros.run.compose import Run
 
 # As a node: it ends at SIGINT, which is ignored until it has imported everything.
@@ -85,7 +85,7 @@ def test_a_run_that_meets_another_ends_before_it_takes_its_nodes_for_its_own(sta
     with pytest.raises(SoroError, match="another /track_circle/recorder"):
         run.start(supervisor)
     assert supervisor.asked == [["recorder"]]
-    assert run.nodes == []
+    assert run.processes.nodes == []
 
 
 @pytest.mark.process
@@ -102,7 +102,7 @@ def test_the_nodes_of_a_run_end_if_their_start_fails(start, monkeypatch):
 def test_markers_start_with_a_run_that_wants_them(start, wanted):
     run, _ = start({"platform": "", "markers": wanted})
     run.start(Ready())
-    assert ("markers" in run.nodes) == wanted
+    assert ("markers" in run.processes.nodes) == wanted
 
 
 @pytest.mark.process
@@ -177,7 +177,7 @@ def test_a_scene_of_emulated_valves_starts_them_first_and_the_driver_last(start,
     monkeypatch.setattr(processes, "start", process)
     run.start(Ready())
     assert started == ["valves", "recorder", "twin", "estimator", "controller", "regulator"]
-    assert set(started) <= set(compose.END_ORDER)
+    assert set(started) <= set(run_processes.END_ORDER)
 
 
 @pytest.mark.process
@@ -246,8 +246,8 @@ def test_the_failure_of_an_observer_is_a_warning_and_that_of_the_recorder_no_jud
 @pytest.mark.process
 def test_an_observer_that_has_ended_is_reported_once_and_ends_nothing(started):
     run, lines = started
-    run._children["recorder"].process.kill()
-    run._children["recorder"].process.wait()
+    run.processes.children["recorder"].process.kill()
+    run.processes.children["recorder"].process.wait()
     for _ in range(2):
         run.check_nodes(Saying(silent=["recorder"]), 1.0)
     assert sum("status -9" in line for line in lines) == 1
@@ -277,7 +277,7 @@ def test_an_excitation_ends_with_its_recording(start):
 
 
 def test_the_observers_of_a_run_are_those_of_the_nodes():
-    for name in {*compose.END_ORDER} - {"valves"}:
+    for name in {*run_processes.END_ORDER} - {"valves"}:
         node = importlib.import_module(f"soro_ros.nodes.{name}")
         (found,) = {one.is_observer for one in vars(node).values() if getattr(one, "node_name", "") == name}
         assert found == (name in loop_nodes.OBSERVERS)
@@ -289,7 +289,7 @@ def test_a_run_in_real_time_that_stood_still_ends(start):
     run.start(Ready())
     run.begin(Saying())
     run.check_nodes(Saying(), 1.0)
-    (pulse,) = run._pulses.values()
+    (pulse,) = run.processes.pulses.values()
     pulse.stood_still_s = 1.2
     with pytest.raises(SoroError, match=r"stood still for 1\.2 s"):
         run.check_nodes(Saying(), 1.0)

@@ -16,8 +16,9 @@ from sensor_msgs.msg import JointState
 from soro_lab.bag import BagReader
 from soro_ros.conversion import messages
 from soro_ros.nodes.exciter import ExciterNode
-from soro_ros.run.compose import END_ORDER, Run
+from soro_ros.run.compose import Run
 from soro_ros.run.loop_nodes import excitation_loop
+from soro_ros.run.run_processes import END_ORDER
 from tests.patience import COMPILED_S, LIMIT_S, patient_platform
 from tests.refused import refused_keys
 from tests.soro_ros.direct import captured, receive, request, values

@@ -83,9 +83,15 @@ def with_force(target, names):
     return np.array(axes)
 
 
-def test_a_force_in_a_bag_has_figures_events_a_note_and_a_panel(tmp_path):
-    axes = with_force(tmp_path, TYPES)
-    run = open_run(tmp_path)
+@pytest.fixture(scope="module")
+def forced(tmp_path_factory):
+    """The axes of the tip, and the run with a force."""
+    folder = tmp_path_factory.mktemp("forced")
+    return with_force(folder, TYPES), open_run(folder)
+
+
+def test_a_force_in_a_bag_has_figures_events_a_note_and_a_panel(forced):
+    axes, run = forced
     summary = report.summarise(run.recording, run.scene)
     assert summary.force_error_last_rms_n == pytest.approx(2e-3)
     away = np.tile(ESTIMATED - TRUE, (len(axes), 1))
@@ -138,22 +144,26 @@ def test_a_force_in_a_bag_has_figures_events_a_note_and_a_panel(tmp_path):
     ],
     ids=["nothing", "true", "wanted", "contact", "no contact"],
 )
-def test_the_picture_of_a_run_shows_the_force_that_is_in_it(tmp_path, monkeypatch, kept, shown):
-    with_force(tmp_path, TYPES)
-    run = open_run(tmp_path)
+def test_a_force_that_is_in_a_run_is_shown(forced, kept, shown):
+    assert panels.is_pushed(replace(forced[1].view, recording=with_forces(forced[1], kept))) == shown
+
+
+def with_forces(run, kept):
+    """The recording of a run with some of its forces alone."""
     forces = "true_force", "wanted_force", "force_doubt", "estimated_force"
-    recording = replace(run.recording, **{name: EMPTY for name in forces if name not in kept})
+    return replace(run.recording, **{name: EMPTY for name in forces if name not in kept})
+
+
+@pytest.mark.parametrize(("kept", "shown"), [("true_force", [panels.FORCE]), ("estimated_force", [])])
+def test_the_picture_of_a_run_shows_the_force_that_is_in_it(tmp_path, monkeypatch, forced, kept, shown):
+    run = forced[1]
     monkeypatch.setattr(pyplot, "close", lambda figure: None)
-    draw(recording, run.scene, tmp_path / "run.png")
+    draw(with_forces(run, (kept,)), run.scene, tmp_path / "run.png")
     titles = [axis.get_title() for axis in pyplot.gcf().axes]
     monkeypatch.undo()
     pyplot.close("all")
-    assert titles == [
-        panels.PATH.title,
-        panels.ERROR.title,
-        panels.PRESSURES.title,
-        panels.ESTIMATES.title,
-    ] + ([panels.FORCE.title] if shown else [])
+    always = [panels.PATH, panels.ERROR, panels.PRESSURES, panels.ESTIMATES]
+    assert titles == [panel.title for panel in always + shown]
 
 
 def test_what_an_empty_arm_touches_behind_its_run_is_no_event(tmp_path, monkeypatch):

@@ -66,12 +66,11 @@ def test_a_law_that_fails_on_the_way_is_named_with_file_and_line(scene, tmp_path
 
 @pytest.mark.parametrize("law", FOLDERS)
 def test_the_law_of_a_package_runs_by_its_name(law, monkeypatch, tmp_path):
+    """How well it follows: `test_law_packages.py`."""
     if law == "predictive":
         pytest.importorskip("daqp", reason="the QP solver of examples/predictive is not installed")
     paths = [*paths_of(law, tmp_path / "installed"), os.environ.get("PYTHONPATH", "")]
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(filter(None, paths)))
-    changes = (f"controller.law={law}", "mode=lockstep", "duration_s=8")
+    changes = (f"controller.law={law}", "mode=lockstep", "platform=", "duration_s=0.5")
     status, said, folder = run(tmp_path / "runs", *changes)
-    found = summary(folder)
-    assert (status, found["verdict"]) == (0, "good"), said
-    assert found["tip_error_last_rms_m"] < 0.6e-3
+    assert (status, summary(folder)["verdict"]) == (0, "good"), said

@@ -340,28 +340,6 @@ def test_best_effort_publishers_are_heard_even_when_they_come_late(start, node, 
     assert contents(payloads(tmp_path / "bag"), {"/mixed": String}) == {"/mixed": [String(data="late")]}
 
 
-def test_what_has_arrived_is_recorded_at_the_end(domain, tmp_path):
-    """Delivered messages count, even if the node has not taken them yet: no node spins here."""
-    words = ["-p", f"folder:={tmp_path / 'bag'}", "-p", "topics:=['early std_msgs/msg/String']"]
-    rclpy.init(args=["--ros-args", *words])
-    try:
-        recorder, sender = Recorder(), Node("sender", start_parameter_services=False)
-        recorder.trigger_configure()
-        recorder.trigger_activate()
-        publisher = sender.create_publisher(String, "/early", ALL)
-        until(lambda: publisher.get_subscription_count() > 0, "the recorder subscribes")
-        for number in range(20):
-            publisher.publish(String(data=str(number)))
-        assert publisher.wait_for_all_acked(Duration(seconds=LIMIT_S))
-        recorder.make_safe()
-        recorder.destroy_node()
-        sender.destroy_node()
-    finally:
-        rclpy.shutdown()
-    recorded = contents(payloads(tmp_path / "bag"), {"/early": String})["/early"]
-    assert [message.data for message in recorded] == [str(number) for number in range(20)]
-
-
 @pytest.mark.parametrize("setting", ["exclude:=[/clock]", "topics:=['/early std_msgs/msg/String']"])
 def test_in_lockstep_the_clock_gives_the_times_although_it_is_not_recorded(domain, tmp_path, setting):
     words = [f"folder:={tmp_path / 'bag'}", "mode:=lockstep", setting]

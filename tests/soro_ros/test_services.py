@@ -7,21 +7,26 @@ import signal
 import subprocess
 import sys
 import textwrap
+import threading
 import time
 from pathlib import Path
 
 import pytest
 import typer
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
 
 from soro_core.errors import HardwareError, SoroError
 from soro_ros.commands import services as commands
 from soro_ros.commands.services import enable, fault, reset, vent
 from soro_ros.conversion import qos
 from soro_ros.host import services
+from soro_ros.run import supervisor as supervisor_module
 from soro_ros.run.supervisor import RunMonitor
 from soro_ros.topics.diagnostics import ERROR, Diagnostics
+from tests.patience import LIMIT_S
 from tests.refused import refused, refused_keys
 from tests.soro_ros.running import SORO, end, wait_until
 from tests.soro_ros.test_fault_injection import Served
@@ -315,6 +320,32 @@ def test_a_run_hears_of_another_of_its_name(domain):
         node.destroy_node()
 
 
+def test_a_run_asks_again_where_the_answer_to_its_call_is_lost(domain, monkeypatch):
+    monkeypatch.setattr(supervisor_module, "REPEAT_S", 0.1)
+    answers = []
+    with RunMonitor("alone") as supervisor:
+        node = Node("twin", namespace="alone")
+
+        def answer(request, response):
+            answers.append(response)
+            response.success, response.message = True, f"answer {len(answers)}"
+            return response
+
+        service = node.create_service(Trigger, "~/start", answer)
+        send = service.send_response
+        service.send_response = lambda response, header: len(answers) > 1 and send(response, header)
+        executor = SingleThreadedExecutor()  # that of events does not send by this method
+        executor.add_node(node)
+        thread = threading.Thread(target=executor.spin)
+        thread.start()
+        try:
+            assert supervisor.call("twin/start", LIMIT_S) == "answer 2"
+        finally:
+            executor.shutdown()
+            thread.join()
+
+
+@pytest.mark.process
 def test_a_run_in_lockstep_hears_of_another_clock(domain):
     with RunMonitor("arm") as supervisor:
         own, other = Node("twin", namespace="arm"), Node("gazebo")

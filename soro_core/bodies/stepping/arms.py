@@ -13,8 +13,9 @@ from soro_core._box import view_at
 from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.bodies.stepping.impulses import push, set_blocks, solve_impulses
-from soro_core.bodies.stepping.records import ArmTables, NoArms, WorldTables
+from soro_core.bodies.stepping.impulses import set_blocks, solve_impulses
+from soro_core.bodies.stepping.records import ArmTables, NoArm, StepPart, WorldTables
+from soro_core.bodies.stepping.vectors import cross, dot, subtract
 from soro_core.integrate.air import NO_AIR
 from soro_core.integrate.base_motion import WIDTH, move_base
 from soro_core.integrate.newton import MAX_ITERATIONS, ROUND_OFF, SLOW
@@ -22,7 +23,7 @@ from soro_core.integrate.step_work import Stepping
 from soro_core.integrate.system import StageEquation, factor, force_residual, interpolate
 from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, check, finite
 from soro_core.model.forces.internal import advance_internal
-from soro_core.model.links.linear import assign, clear
+from soro_core.model.links.linear import assign, assign_matrix
 from soro_core.model.links.sweep import NO, YES
 from soro_core.model.method import kinematics, solve_system
 from soro_core.model.records import ArmState, CrossSection
@@ -56,40 +57,30 @@ base_twist = select_by_type(FixedBase, _no_twist, _base_twist)
 
 
 @inner
-def _nothing(
-    arms: NoArms,
-    like: Stepping,
-    w: WorldTables,
-    rows: tuple[Array, Array, Array],
-    pressure: Array,
-    fraction: tuple[float, float],
+def _locate_none(
+    like: NoArm, arms: ArmTables, w: WorldTables, span: StepPart, now: tuple[Array, Array, Array]
 ) -> int:
     return GOOD
 
 
 @inner
 def _locate(
-    arms: ArmTables,
-    like: Stepping,
-    w: WorldTables,
-    rows: tuple[Array, Array, Array],
-    pressure: Array,
-    fraction: tuple[float, float],
+    like: Stepping, arms: ArmTables, w: WorldTables, span: StepPart, now: tuple[Array, Array, Array]
 ) -> int:
-    q, v, _ = rows
-    done, part = fraction
+    q, v, _ = now
     start = w.movers.start
-    for i in range(arms.address.shape[0]):
+    for i in range(w.movers.n_arms):
         run = view_at(like, arms.address[i])
         first, behind = arms.first_q[i], arms.first_q[i + 1]
         at = q[first:behind]
+        arms.failed[0] = i
         code = check(run.tables, at, v[first:behind])
         if code != GOOD:
             return code
-        own = pressure[:, arms.first_u[i] : arms.first_u[i + 1]]
-        interpolate(own, done + part, run.work.stage_pressure)
+        own = span.pressure[:, arms.first_u[i] : arms.first_u[i + 1]]
+        interpolate(own, span.done + span.part, run.work.stage_pressure)
         base_twist(run.tables.base, run.work.stage_pressure, arms.base_twist[i])
-        interpolate(own, done, run.work.stage_pressure)
+        interpolate(own, span.done, run.work.stage_pressure)
         move_base(run.tables.base, run.tables, run.work.stage_pressure)
         for r in range(3):
             arms.base_place[i, r] = run.tables.base_position[r]
@@ -102,71 +93,62 @@ def _locate(
     return GOOD
 
 
-locate_arms = select_by_type(NoArms, _nothing, _locate)
-"""locate_arms(arms, like, w, (q, v, z), pressure, (done, part)): sections, and velocities in w.movers.
+locate_arms = select_by_type(NoArm, _locate_none, _locate)
+"""locate_arms(like, arms, w, span, (q, v, z)): sections, and velocities in w.movers.
 
-It also finds the motion of the bases at the end of a part of a step, a fraction of which is done; gives a
-code."""
-
-
-@inner
-def _start_none(arms: NoArms, like: Stepping) -> None:
-    return
+It also finds the motion of the bases at the end of the span; gives a code."""
 
 
 @inner
-def _start(arms: ArmTables, like: Stepping) -> None:
-    for i in range(arms.address.shape[0]):
-        clear(view_at(like, arms.address[i]).work.acceleration)
-
-
-start_arms = select_by_type(NoArms, _start_none, _start)
-"""start_arms(arms, like): no acceleration as first guess of a run."""
-
-
-@inner
-def _no_speed(arms: NoArms, w: WorldTables) -> float:
-    return 0.0
-
-
-@inner
-def _speed(arms: ArmTables, w: WorldTables) -> float:
-    largest = 0.0
-    for i in range(arms.address.shape[0]):
+def arm_speed(arms: ArmTables, w: WorldTables) -> float:
+    """Largest speed of a section [m/s], at most: that of the base and that seen from there."""
+    largest, arm, v = 0.0, w.points[0], w.points[1]
+    for i in range(w.movers.n_arms):
+        base = arms.base_twist[i]
         n = arms.first_q[i + 1] - arms.first_q[i]
         for s in range(arms.first_site[i], arms.first_site[i + 1]):
-            square = 0.0
-            for r in range(3, 6):
+            subtract(arms.p[s], arms.base_place[i], arm)
+            cross(base, arm, v)
+            own = 0.0
+            for r in range(3):
+                v[r] += base[3 + r]
                 total = 0.0
                 for b in range(n):
-                    total += arms.columns[s, b, r] * w.movers.start[i, b]
-                square += total * total
-            largest = max(largest, square)
-    return math.sqrt(largest)
-
-
-arm_speed = select_by_type(NoArms, _no_speed, _speed)
-"""arm_speed(arms, w): largest speed of a section [m/s]."""
+                    total += arms.columns[s, b, 3 + r] * w.movers.start[i, b]
+                own += total * total
+            largest = max(largest, math.sqrt(own) + math.sqrt(dot(v, v)))
+    return largest
 
 
 @inner
-def _bodies_alone(arms: NoArms, like: Stepping, w: WorldTables, h: float) -> int:
-    k, v = w.contacts, w.movers.end
-    for m in range(v.shape[0]):
-        assign(w.movers.free[m], v[m])
-    set_blocks(k, w.movers.stiffness, h)
-    for c in range(k.counts[0]):
-        push(k, c, k.impulse[c], v)
+def _bodies_alone(
+    like: NoArm,
+    arms: ArmTables,
+    w: WorldTables,
+    span: StepPart,
+    now: tuple[Array, Array, Array],
+    then: tuple[Array, Array, Array],
+) -> int:
+    assign_matrix(w.movers.free, w.movers.end)
+    set_blocks(w.contacts, w.movers.stiffness, span.h)
     return GOOD if solve_impulses(w) else SLIDING
 
 
 @inner
-def _begin_arm(arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float) -> None:
-    """Bases of the stage of arm i; its first guess is the acceleration of the last step."""
-    q0, v0, theta = run.work.q_start, w.movers.start[i], w.movers.theta[i]
-    for b in range(q0.shape[0]):
-        run.work.v_base[b] = v0[b]
-        run.work.q_base[b] = q0[b] + theta * h * v0[b]
+def _begin_arm(
+    arms: ArmTables, i: int, run: Stepping, w: WorldTables, span: StepPart, now: tuple[Array, Array, Array]
+) -> None:
+    """Start and bases of the stage of arm i, and its pressures where the equation holds."""
+    q, _, z = now
+    work, theta, v0 = run.work, w.movers.theta[i], w.movers.start[i]
+    assign(q[arms.first_q[i] : arms.first_q[i + 1]], work.q_start)
+    assign(z[arms.first_z[i] : arms.first_z[i + 1]], work.z_start)
+    own = span.pressure[:, arms.first_u[i] : arms.first_u[i + 1]]
+    interpolate(own, span.done + theta * span.part, work.stage_pressure)
+    for b in range(work.q_start.shape[0]):
+        work.v_base[b] = v0[b]
+        work.q_base[b] = work.q_start[b] + theta * span.h * v0[b]
+        work.acceleration[b] = arms.acceleration[i, b]
     arms.change[i] = math.inf
 
 
@@ -196,10 +178,11 @@ def _linearise(arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float,
                 return SINGULAR
         k = w.contacts
         for c in range(k.counts[0]):
-            if k.mover[c, 0] == i:
-                for r in range(3):
-                    assign(k.G[c, 0, r], k.Y[c, 0, r])
-                    solve_system(t, work.system, k.Y[c, 0, r, :n])
+            for side in range(2):
+                if k.mover[c, side] == i:
+                    for r in range(3):
+                        assign(k.G[c, side, r], k.Y[c, side, r])
+                        solve_system(t, work.system, k.Y[c, side, r, :n])
     else:
         force_residual(run, work.model, at, arms.no_wrench, NO)
     assign(work.residual, arms.residual[i, :n])
@@ -208,34 +191,38 @@ def _linearise(arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float,
 
 
 @inner
-def _arms_and_bodies(arms: ArmTables, like: Stepping, w: WorldTables, h: float) -> int:
-    k, end, start = w.contacts, w.movers.end, w.movers.start
-    n_a = arms.address.shape[0]
+def _solve(
+    like: Stepping,
+    arms: ArmTables,
+    w: WorldTables,
+    span: StepPart,
+    now: tuple[Array, Array, Array],
+    then: tuple[Array, Array, Array],
+) -> int:
+    k, end, start, h = w.contacts, w.movers.end, w.movers.start, span.h
+    n_a = w.movers.n_arms
     anew = BY_SECANT
     for i in range(n_a):
-        _begin_arm(arms, i, view_at(like, arms.address[i]), w, h)
+        _begin_arm(arms, i, view_at(like, arms.address[i]), w, span, now)
     for sweep in range(MAX_ITERATIONS):
+        assign_matrix(w.movers.free, end)
         for i in range(n_a):
-            run = view_at(like, arms.address[i])
             arms.failed[0] = i
+            run = view_at(like, arms.address[i])
             code = _linearise(arms, i, run, w, h, anew)
             if code != GOOD:
                 return code
-            for b in range(run.work.q_start.shape[0]):
+            for b in range(run.work.acceleration.shape[0]):
                 end[i, b] = start[i, b] + h * (run.work.acceleration[b] + arms.residual[i, b])
-        for m in range(n_a, end.shape[0]):
-            assign(w.movers.free[m], end[m])
         if anew != KEPT:
             set_blocks(k, w.movers.stiffness, h)
-        for c in range(k.counts[0]):
-            push(k, c, k.impulse[c], end)
         if not solve_impulses(w):
             return SLIDING
         done, rate = True, 0.0
         for i in range(n_a):
             work = view_at(like, arms.address[i]).work
             c_q, change = (w.movers.theta[i] * h) ** 2, 0.0
-            for b in range(work.q_start.shape[0]):
+            for b in range(work.acceleration.shape[0]):
                 x = (end[i, b] - start[i, b]) / h
                 change = max(change, abs(c_q * (x - work.acceleration[b])) * work.weight[b])
                 work.acceleration[b] = x
@@ -245,99 +232,43 @@ def _arms_and_bodies(arms: ArmTables, like: Stepping, w: WorldTables, h: float) 
             rate = max(rate, own if change > ARM_TOLERANCE else 0.0)
             arms.change[i] = change
         if done:
-            return GOOD
+            return _move(like, arms, w, h, now, then)
         anew = KEPT
         if sweep > 0 and rate > SLOW:
             anew = BY_SECANT if rate >= 1.0 else BY_TANGENT
     return NOT_CONVERGED
 
 
-solve_movers = select_by_type(NoArms, _bodies_alone, _arms_and_bodies)
-"""solve_movers(arms, like, w, h): w.movers.end and impulses, of arms and bodies together; gives a code."""
-
-
 @inner
-def _keep_inputs(
-    arms: NoArms,
+def _move(
     like: Stepping,
-    w: WorldTables,
-    rows: tuple[Array, Array, Array],
-    pressure: Array,
-    fraction: tuple[float, float],
-) -> None:
-    return
-
-
-@inner
-def _set_inputs(
     arms: ArmTables,
-    like: Stepping,
-    w: WorldTables,
-    rows: tuple[Array, Array, Array],
-    pressure: Array,
-    fraction: tuple[float, float],
-) -> None:
-    done, part = fraction
-    q, _, z = rows
-    for i in range(arms.address.shape[0]):
-        run = view_at(like, arms.address[i])
-        assign(q[arms.first_q[i] : arms.first_q[i + 1]], run.work.q_start)
-        assign(z[arms.first_z[i] : arms.first_z[i + 1]], run.work.z_start)
-        own = pressure[:, arms.first_u[i] : arms.first_u[i + 1]]
-        interpolate(own, done + w.movers.theta[i] * part, run.work.stage_pressure)
-
-
-set_inputs = select_by_type(NoArms, _keep_inputs, _set_inputs)
-"""set_inputs(arms, like, w, (q, v, z), pressure, (done, part)): each arm's state at the start, and its
-pressures where its equation holds, in a part of a step of which a fraction is done."""
-
-
-@inner
-def _moved(
-    arms: ArmTables,
-    like: Stepping,
     w: WorldTables,
     h: float,
     now: tuple[Array, Array, Array],
     then: tuple[Array, Array, Array],
 ) -> int:
-    q0, v0, z0 = now
-    q1, v1, z1 = then
-    for i in range(arms.address.shape[0]):
+    """Then <- states of the arms, from their velocities; gives a code."""
+    for i in range(w.movers.n_arms):
         run = view_at(like, arms.address[i])
-        first, behind = arms.first_q[i], arms.first_q[i + 1]
-        theta = w.movers.theta[i]
+        qs, zs = slice(arms.first_q[i], arms.first_q[i + 1]), slice(arms.first_z[i], arms.first_z[i + 1])
+        q0, v0, z0, q1, v1, z1 = now[0][qs], now[1][qs], now[2][zs], then[0][qs], then[1][qs], then[2][zs]
         arms.failed[0] = i
-        for b in range(behind - first):
+        for b in range(q0.shape[0]):
             before, after = w.movers.start[i, b], w.movers.end[i, b]
-            q1[first + b] = q0[first + b] + h * (before + theta * (after - before))
-            v1[first + b] = after
-        speeds = (v0[first:behind], v1[first:behind])
-        z = z1[arms.first_z[i] : arms.first_z[i + 1]]
-        advance_internal(
-            run.tables, z0[arms.first_z[i] : arms.first_z[i + 1]], speeds, h, z, run.work.tangent
-        )
-        code = check(run.tables, q1[first:behind], v1[first:behind])
+            q1[b] = q0[b] + h * (before + w.movers.theta[i] * (after - before))
+            v1[b] = after
+            arms.acceleration[i, b] = run.work.acceleration[b]
+        advance_internal(run.tables, z0, (v0, v1), h, z1, run.work.tangent)
+        code = check(run.tables, q1, v1)
         if code != GOOD:
             return code
-        if not finite(z):
+        if not finite(z1):
             return NOT_FINITE
     return GOOD
 
 
-@inner
-def _none_moved(
-    arms: NoArms,
-    like: Stepping,
-    w: WorldTables,
-    h: float,
-    now: tuple[Array, Array, Array],
-    then: tuple[Array, Array, Array],
-) -> int:
-    return GOOD
+solve_movers = select_by_type(NoArm, _bodies_alone, _solve)
+"""solve_movers(like, arms, w, span, (q0, v0, z0), (q1, v1, z1)): w.movers.end, impulses, and arms at the end.
 
-
-move_arms = select_by_type(NoArms, _none_moved, _moved)
-"""move_arms(arms, like, w, h, (q0, v0, z0), (q1, v1, z1)): states at the end of the step.
-
-It gives a code."""
+Arms and bodies move together, by Newton's iteration around the contacts; gives a code."""

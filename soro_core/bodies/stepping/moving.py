@@ -25,6 +25,7 @@ from soro_core.bodies.stepping.records import (
     SPRING,
     WorldTables,
 )
+from soro_core.bodies.stepping.vectors import cross, dot, subtract, turn, turn_back
 
 _ITERATIONS = 20
 # Largest change of the last one, relative.
@@ -35,7 +36,7 @@ _TURNED = 1e-12
 def turn_about(axis: Array, angle: float, x: Array, y: Array) -> None:
     """y <- x (3,) turned about a unit axis [rad]."""
     c, s = math.cos(angle), math.sin(angle)
-    along = (1.0 - c) * (axis[0] * x[0] + axis[1] * x[1] + axis[2] * x[2])
+    along = (1.0 - c) * dot(axis, x)
     x0, x1, x2 = x[0], x[1], x[2]
     y[0] = c * x0 + along * axis[0] + s * (axis[1] * x2 - axis[2] * x1)
     y[1] = c * x1 + along * axis[1] + s * (axis[2] * x0 - axis[0] * x2)
@@ -48,10 +49,8 @@ def _weight_torque(w: WorldTables, b: int, angle: float, arm: Array) -> float:
     hinge, g = w.bodies.hinge[b], w.bodies.gravity
     axis = hinge[AXIS : AXIS + 3]
     turn_about(axis, angle, hinge[ARM : ARM + 3], arm)
-    turn = axis[0] * (arm[1] * g[2] - arm[2] * g[1])
-    turn += axis[1] * (arm[2] * g[0] - arm[0] * g[2])
-    turn += axis[2] * (arm[0] * g[1] - arm[1] * g[0])
-    return float(w.bodies.mass[b] * turn)
+    cross(arm, g, arm)
+    return float(w.bodies.mass[b] * dot(axis, arm))
 
 
 @inner
@@ -59,9 +58,8 @@ def _hinge_acceleration(w: WorldTables, b: int, part: float, given: float) -> fl
     """Acceleration of a hinged body at `part` seconds, by Newton; `movers.effective` <- its slope."""
     hinge, arm = w.bodies.hinge[b], w.points[0]
     angle, rate = w.now.joint[b, ANGLE], w.now.joint[b, RATE]
-    m = w.movers.start.shape[0] - w.bodies.kind.shape[0] + b
     effective = hinge[ABOUT_AXIS] + part * hinge[DAMPER] + part * part * hinge[SPRING]
-    w.movers.effective[m] = effective
+    w.movers.effective[w.movers.n_arms + b] = effective
     x = 0.0
     for _ in range(_ITERATIONS):
         there = angle + part * rate + part * part * x
@@ -81,7 +79,7 @@ def _hinge_acceleration(w: WorldTables, b: int, part: float, given: float) -> fl
 @inner
 def start_bodies(w: WorldTables) -> None:
     """w.movers.start <- twists of the bodies."""
-    first = w.movers.start.shape[0] - w.bodies.kind.shape[0]
+    first = w.movers.n_arms
     for b in range(w.bodies.kind.shape[0]):
         for r in range(6):
             w.movers.start[first + b, r] = w.now.twist[b, r]
@@ -94,7 +92,7 @@ def free_bodies(w: WorldTables, h: float, wrench: Array) -> None:
     `wrench` (n_b, 6): torques and forces on the others.
     """
     t, v = w.bodies, w.movers.free
-    first = v.shape[0] - t.kind.shape[0]
+    first = w.movers.n_arms
     for b in range(t.kind.shape[0]):
         row, R = v[first + b], w.now.rotation[b]
         for r in range(6):
@@ -108,34 +106,30 @@ def free_bodies(w: WorldTables, h: float, wrench: Array) -> None:
                     row[r] += h * R[r, s] * torque / t.inertia[b, s]
         elif t.motion[b] == HINGED:
             part = w.movers.theta[first + b] * h
-            _twist_of_rate(w, b, 1.0, row)
-            torque = 0.0
-            for r in range(6):
-                torque += row[r] * wrench[b, r]
+            _twist_of_rate(w, b, 1.0, w.now.place[b], row)
+            torque = dot(row, wrench[b]) + dot(row[3:], wrench[b, 3:])
             rate = w.now.joint[b, RATE] + h * _hinge_acceleration(w, b, part, torque)
-            _twist_of_rate(w, b, rate, row)
+            _twist_of_rate(w, b, rate, w.now.place[b], row)
 
 
 @inner
-def _twist_of_rate(w: WorldTables, b: int, rate: float, row: Array) -> None:
-    """Row <- twist of a hinged body about its centre at the start of the step."""
-    hinge, x = w.bodies.hinge[b], w.now.place[b]
+def _twist_of_rate(w: WorldTables, b: int, rate: float, place: Array, row: Array) -> None:
+    """Row <- twist of a hinged body about its centre at a place."""
+    hinge, arm = w.bodies.hinge[b], w.points[2]
     for r in range(3):
         row[r] = rate * hinge[AXIS + r]
-    a0, a1, a2 = x[0] - hinge[POINT], x[1] - hinge[POINT + 1], x[2] - hinge[POINT + 2]
-    row[3] = row[1] * a2 - row[2] * a1
-    row[4] = row[2] * a0 - row[0] * a2
-    row[5] = row[0] * a1 - row[1] * a0
+    subtract(place, hinge[POINT:], arm)
+    cross(row, arm, row[3:])
 
 
 @inner
 def body_answers(w: WorldTables, h: float) -> None:
     """k.Y of the sides that are bodies."""
     k, t = w.contacts, w.bodies
-    first = w.movers.start.shape[0] - t.kind.shape[0]
+    first = w.movers.n_arms
     for c in range(k.counts[0]):
         for side in range(2):
-            b = k.side[c, side]
+            b = k.mover[c, side] - first
             if b < 0:
                 continue
             R = w.now.rotation[b]
@@ -152,10 +146,8 @@ def body_answers(w: WorldTables, h: float) -> None:
                             Y[r] += R[r, s] * spin
                 elif t.motion[b] == HINGED:
                     unit = w.points[0:2].reshape(6)
-                    _twist_of_rate(w, b, 1.0, unit)
-                    along = 0.0
-                    for r in range(6):
-                        along += unit[r] * G[r]
+                    _twist_of_rate(w, b, 1.0, w.now.place[b], unit)
+                    along = dot(unit, G) + dot(unit[3:], G[3:])
                     for r in range(6):
                         Y[r] = unit[r] * along / w.movers.effective[first + b]
 
@@ -167,7 +159,7 @@ def move_bodies(w: WorldTables, h: float) -> int:
     It gives the body that turns too far within the step, or -1.
     """
     t, now, then = w.bodies, w.now, w.then
-    first = w.movers.start.shape[0] - t.kind.shape[0]
+    first = w.movers.n_arms
     for b in range(t.kind.shape[0]):
         v, theta = w.movers.end[first + b], w.movers.theta[first + b]
         for r in range(6):
@@ -182,19 +174,13 @@ def move_bodies(w: WorldTables, h: float) -> int:
             hinge = t.hinge[b]
             axis = hinge[AXIS : AXIS + 3]
             before = now.joint[b, RATE]
-            rate = axis[0] * v[0] + axis[1] * v[1] + axis[2] * v[2]
+            rate = dot(axis, v)
             angle = now.joint[b, ANGLE] + h * (before + theta * (rate - before))
             then.joint[b, ANGLE], then.joint[b, RATE] = angle, rate
             place_hinged(w, b, angle)
-            arm = w.points[0]
-            for r in range(3):
-                arm[r] = then.place[b, r] - hinge[POINT + r]
-                then.twist[b, r] = rate * axis[r]
-            then.twist[b, 3] = rate * (axis[1] * arm[2] - axis[2] * arm[1])
-            then.twist[b, 4] = rate * (axis[2] * arm[0] - axis[0] * arm[2])
-            then.twist[b, 5] = rate * (axis[0] * arm[1] - axis[1] * arm[0])
+            _twist_of_rate(w, b, rate, then.place[b], then.twist[b])
         else:
-            spin = math.sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+            spin = math.sqrt(dot(v, v))
             axis = w.points[0]
             for r in range(3):
                 then.place[b, r] = now.place[b, r] + h * v[3 + r]
@@ -234,9 +220,8 @@ def _turn_freely(w: WorldTables, b: int, h: float) -> bool:
     """
     inertia, R, R1, spin = w.bodies.inertia[b], w.now.rotation[b], w.then.rotation[b], w.then.twist[b]
     a, m = w.points[0], w.points[1]
-    for s in range(3):
-        a[s] = R[0, s] * spin[0] + R[1, s] * spin[1] + R[2, s] * spin[2]
-        m[s] = a[s]
+    turn_back(R, spin, a)
+    turn_back(R, spin, m)
     moved = 0.0
     for _ in range(_ITERATIONS):
         # The middle by fixed point iteration: contracts by h |w|.
@@ -266,6 +251,5 @@ def _turn_freely(w: WorldTables, b: int, h: float) -> bool:
     # The spin turns with the body, so that the angular momentum stays.
     for s in range(3):
         a[s] = 2.0 * m[s] - a[s]
-    for r in range(3):
-        spin[r] = R1[r, 0] * a[0] + R1[r, 1] * a[1] + R1[r, 2] * a[2]
+    turn(R1, a, spin)
     return True

@@ -61,8 +61,8 @@ class BodyRows(NamedTuple):
     """Angle and rate of hinged bodies, (n, 2)."""
 
 
-class NoArms(NamedTuple):
-    """A world without arms: its own type, so that no model of an arm is compiled."""
+class NoArm(NamedTuple):
+    """In place of an arm's `Stepping` in a world without arms, so that no model of an arm is compiled."""
 
     nothing: int = 0
 
@@ -85,11 +85,22 @@ class ArmTables(NamedTuple):
     shape: Array
     rest: Array
     radius: Array
+    arc: Array
+    """Places along the whole arm [m], (n_s,)."""
+    friction: float
+    """Where arms touch arms."""
+    touch_arms: bool
     R: Array
     """Rotations of the sections at the start of a step, (n_s, 3, 3)."""
     p: Array
     columns: Array
     """Body Jacobians there, one coordinate a row, (n_s, width, 6)."""
+    piece: Array
+    """Curves that begin there, as in `near`, (n_s, 4, 3); their middles, and their reach."""
+    middle: Array
+    half: Array
+    acceleration: Array
+    """Of the last step, (n_a, width)."""
     residual: Array
     """Scratch of Newton's iteration, (n_a, width)."""
     change: Array
@@ -112,6 +123,7 @@ class Movers(NamedTuple):
     end: Array
     theta: Array
     """Part of the step at which the equation of each mover holds: 1/2, or 1 where it may touch; (n_m,)."""
+    n_arms: int
     effective: Array
     """Inertia of hinged bodies with damping and spring, (n_m,)."""
     stiffness: float
@@ -119,14 +131,14 @@ class Movers(NamedTuple):
 
 
 class ContactTables(NamedTuple):
-    """ContactTables of a step, their number first."""
+    """Contacts of a step, their number first."""
 
     counts: Integers
     """(1,), and behind it the number of those of the step before: (2,)."""
     key: Integers
     """Which surfaces: equal from step to step."""
     side: Integers
-    """Body of each side, or -1 - section where a piece of an arm begins, or NOBODY; (n, 2)."""
+    """Bodies, or -1 - section where a piece of an arm begins; at a limit twice the hinged body; (n, 2)."""
     part: Array
     """Where the point lies on that piece, 0 to 1, (n, 2)."""
     point: Array
@@ -152,12 +164,11 @@ class ContactTables(NamedTuple):
     soft: Array
     """Share of the bias that a normal impulse takes away, (n,)."""
     impulse: Array
-    """Along the frame [N s], (n, 3)."""
+    """Along the frame [N s], (n, 3); before a sweep; and the change by the last one."""
+    before: Array
+    step: Array
     old_key: Integers
     old_impulse: Array
-
-
-NOBODY = -1_000_000
 
 
 class WorldTables(NamedTuple):
@@ -171,27 +182,43 @@ class WorldTables(NamedTuple):
     movers: Movers
     contacts: ContactTables
     points: Array
-    """Scratch of `find`: points and directions, (N_POINTS, 3)."""
+    """Scratch: points and directions, (N_POINTS, 3)."""
     corners: Array
     """Corners of a body, (8, 3)."""
 
 
-# Rows of `World.points`: ends of a piece and its tangents there, a point on it and its tangent, the normal of
-# a surface in the world and in the body, a point seen from a body, direction towards another body.
-P0, P1, T0, T1, HERE, TANGENT, OUT, LOCAL_OUT, LOCAL, TOWARDS, N_POINTS = 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10
+class StepPart(NamedTuple):
+    """A part of a step in time."""
+
+    h: float
+    """[s]."""
+    done: float
+    """Fraction of the whole step that is done, and that this part is."""
+    part: float
+    pressure: Array
+    """At the start, the middle and the end of the whole step, (3, n_u)."""
+
+
+# Rows of `WorldTables.points`. The first three, and ENDS and TOWARDS, serve any function. Others: an
+# edge of a body as a piece; places on two pieces and their derivatives; the normal of a surface in the world
+# and in the body; a point seen from a body.
+ENDS, TOWARDS, EDGE, HERE, ALONG, BEND, THERE, ALONG_OTHER, BEND_OTHER = 3, 4, 5, 9, 10, 11, 12, 13, 14
+OUT, LOCAL_OUT, LOCAL, N_POINTS = 15, 16, 17, 18
 
 
 @kernel
 def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[int, int]) -> Box:
-    """Return a `WorldTables` in a box; `sizes`: number of movers, width of a row."""
-    n, width = sizes
+    """Return a `WorldTables` in a box; `sizes`: number of arms, width of a row."""
+    n_arms, width = sizes
     n_b = bodies.kind.shape[0]
+    n = n_arms + n_b
     most = MOST_CONTACTS
     movers = Movers(
         np.zeros((n, width)),
         np.zeros((n, width)),
         np.zeros((n, width)),
         np.ones(n),
+        n_arms,
         np.ones(n),
         stiffness,
         reach,
@@ -215,33 +242,19 @@ def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[
         np.zeros(most, dtype=np.bool_),
         np.zeros(most),
         np.zeros((most, 3)),
+        np.zeros((most, 3)),
+        np.zeros((most, 3)),
         np.zeros(most, dtype=np.int64),
         np.zeros((most, 3)),
     )
-    now = BodyRows(
-        np.zeros((n_b, 3)),
-        np.zeros((n_b, 3, 3)),
-        np.zeros((n_b, 6)),
-        np.zeros((n_b, 2)),
-    )
-    then = BodyRows(
-        np.zeros((n_b, 3)),
-        np.zeros((n_b, 3, 3)),
-        np.zeros((n_b, 6)),
-        np.zeros((n_b, 2)),
-    )
+    now = BodyRows(np.zeros((n_b, 3)), np.zeros((n_b, 3, 3)), np.zeros((n_b, 6)), np.zeros((n_b, 2)))
+    then = BodyRows(np.zeros((n_b, 3)), np.zeros((n_b, 3, 3)), np.zeros((n_b, 6)), np.zeros((n_b, 2)))
     return Box(WorldTables(bodies, now, then, movers, contacts, np.zeros((N_POINTS, 3)), np.zeros((8, 3))))
 
 
 @kernel
-def box_no_arms(tables: NoArms) -> Box:
-    """Tables of a world without arms in a box."""
-    return Box(tables)
-
-
-@kernel
-def box_arms(tables: ArmTables) -> Box:
-    """Tables of arms in a box."""
+def boxed(tables: ArmTables | NoArm) -> Box:
+    """Tables in a box."""
     return Box(tables)
 
 

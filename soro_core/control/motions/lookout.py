@@ -68,11 +68,6 @@ class Lookout:
     def follow(self, way: ReferenceCourse) -> Planning[None]:
         """Refuse a way on which the arm meets an obstacle.
 
-        Yields
-        ------
-        None
-            After some samples.
-
         Raises
         ------
         MotionError
@@ -191,11 +186,6 @@ def keep_clear(lookout: Lookout, begin: Array, reference: Reference) -> Planning
     begin : ndarray (n_q,)
         The reference now.
     reference : Reference
-
-    Yields
-    ------
-    None
-        After some samples.
 
     Raises
     ------

@@ -103,11 +103,6 @@ class Planner:
         start_s : float
             Time of the begin [s].
 
-        Yields
-        ------
-        None
-            After each step.
-
         Returns
         -------
         Motion
@@ -133,11 +128,6 @@ class Planner:
             Positions to pass, in the world [m].
         orientations : ndarray (n, 4) or None
             Orientations (x, y, z, w), weighted with `reference.rotation_weight_m`.
-
-        Yields
-        ------
-        None
-            After each step.
 
         Returns
         -------
@@ -187,11 +177,6 @@ class Planner:
     def motion(self, route: Route, begin: Point, start_s: float) -> Planning[PiecewiseMotion]:
         """Plan the way to a path; parameters as in `plan`.
 
-        Yields
-        ------
-        None
-            After each step.
-
         Returns
         -------
         Motion
@@ -223,11 +208,6 @@ class Planner:
         first : ndarray (n_q,)
             Where the parts begin.
         parts : sequence of MotionSegment
-
-        Yields
-        ------
-        None
-            After some samples.
 
         Raises
         ------

@@ -78,11 +78,6 @@ class PathCoordinates:
         orientation : ndarray (4,) or None
             Orientation (x, y, z, w).
 
-        Yields
-        ------
-        None
-            After each search.
-
         Returns
         -------
         ndarray (n_q,)

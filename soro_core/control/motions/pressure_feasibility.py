@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -15,14 +15,16 @@ from soro_core.control.motions.motion_parts import MotionSegment
 from soro_core.control.pressures.allocation import Allocation, balanced_weight
 from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.model import SoftArm
+from soro_core.planning.motion_error import MotionError
+from soro_core.planning.steps import Planning
 from soro_core.robot.coordinates import StrainFields
 
 # A force counts as made if less is missing, each strain's force expressed as a pressure [Pa].
 _MADE_PA = 200.0
 # Samples of the pressures along a part.
 _SAMPLE_S, _FEWEST, _MOST = 0.02, 40, 400
-# Set points that are found in one step of a plan.
-_TICKS_IN_A_STEP = 100
+# Set points that are found in one step of a plan, and most of a part: more would not fit into the memory.
+_TICKS_IN_A_STEP, _MOST_TICKS = 100, 10_000_000
 # Steps of a search for the nearest point that is held, and of its arm to rest; part of the limits, and of the
 # length, that ends them; part of the range that its pressures leave, as it is rounded; damping of a step.
 _HELD_STEPS, _REST_STEPS, _AT_REST, _EDGE, _DAMPING = 20, 20, 1e-6, 0.015, 1e-3
@@ -157,9 +159,7 @@ def pressure_deficit(supply: PressureSupply, q: Array) -> PressureDeficit | None
     )
 
 
-def rates(
-    supply: PressureSupply, part: MotionSegment, dt: float, share: float
-) -> Generator[None, None, Rates]:
+def rates(supply: PressureSupply, part: MotionSegment, dt: float, share: float) -> Planning[Rates]:
     """Find the set points along a part, in steps of one sample each.
 
     Parameters
@@ -173,17 +173,20 @@ def rates(
     share : float
         Part of the allowed rates that the motion may take; the feedback has the rest.
 
-    Yields
-    ------
-    None
-        After each sample.
-
     Returns
     -------
     Rates
+
+    Raises
+    ------
+    MotionError
+        If it lasts too long.
     """
     from scipy.interpolate import CubicSpline  # imported here: most references are no motions
 
+    if not part.duration_s <= _MOST_TICKS * dt:
+        got = f"{part.duration_s:.3g} s for the allowed rates of strain and of set points"
+        raise MotionError("rate", "rate", got, f"at most {_MOST_TICKS * dt:g} s")
     n = min(max(round(part.duration_s / _SAMPLE_S), _FEWEST), _MOST)
     times, step = np.linspace(0.0, part.duration_s, n + 1, retstep=True)
     internal, rows, short = supply.internal, [], False
@@ -208,7 +211,7 @@ def rates(
     return Rates(float(part_of[k, chamber]), int(chamber), float(ticks[k]), float(np.max(beyond)), short)
 
 
-def _commands(supply: PressureSupply, wish_pa: Array, dt: float) -> Generator[None, None, Array]:
+def _commands(supply: PressureSupply, wish_pa: Array, dt: float) -> Planning[Array]:
     """Find the set points (n, n_u) that make the pressures follow `wish_pa` through the lag."""
     pressures = supply.setpoints.pressures
     if pressures.lag_s <= 0.0:
@@ -259,9 +262,7 @@ def _stiffness(supply: PressureSupply, q: Array, pressure_pa: Array) -> Array:
     return np.stack(rows, axis=1)
 
 
-def nearest_held(
-    supply: PressureSupply, limit: Array, q: Array, position: Array
-) -> Generator[None, None, Array | None]:
+def nearest_held(supply: PressureSupply, limit: Array, q: Array, position: Array) -> Planning[Array | None]:
     """Find the coordinates that pressures hold at rest with the tip nearest to a position.
 
     Gauss-Newton on the pressures: at each step the arm rests under them.

@@ -39,11 +39,6 @@ def route_around(planner: Planner, q: Array, position: Array) -> Planning[Route]
     position : ndarray (3,)
         Of the tip, in the world [m].
 
-    Yields
-    ------
-    None
-        After each step.
-
     Returns
     -------
     Route

@@ -15,6 +15,24 @@ from soro_core.errors import ConfigError, ModelError
 from soro_design.fem.elements.response import HYPERELASTIC, SVK, response
 
 
+class FatigueTest(Strict):
+    """A published test: how often specimens of a material bear a stretch."""
+
+    stretch: Annotated[float, Field(gt=1.0, description="greatest principal stretch of each cycle")]
+    cycles: Annotated[float, Field(gt=0.0, description="until they fail, or until the test ended")]
+    source: Annotated[str, Field(min_length=1, description="where this is published")]
+
+
+class Strength(Strict):
+    """What a material bears, once and often."""
+
+    break_stretch: Annotated[float, Field(gt=1.0, description="1 + elongation at break, of one pull")]
+    source: Annotated[str, Field(min_length=1, description="where that is published")]
+    fatigue: Annotated[
+        tuple[FatigueTest, ...], Field(strict=False, description="published tests; default: none")
+    ] = ()
+
+
 class Hyperelastic(Strict):
     """Neo-Hooke, Mooney-Rivlin and Yeoh in one, docs/design.md (1).
 
@@ -36,6 +54,8 @@ class Hyperelastic(Strict):
         Least and greatest principal stretch for which stability is asked where c2 is negative.
     density_kg_per_m3 : float
         Mass per undeformed volume, for gravity.
+    strength : Strength, optional
+        What it bears, for reports.
     """
 
     kind: Literal["hyperelastic"]
@@ -48,6 +68,7 @@ class Hyperelastic(Strict):
     poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5)]
     stretch_range: Annotated[tuple[float, float], Field(strict=False)] = (0.5, 2.0)
     density_kg_per_m3: Annotated[float, Field(gt=0.0)] = 1000.0
+    strength: Strength | None = None
 
     @property
     def shear_modulus_pa(self) -> float:
@@ -84,6 +105,8 @@ class SaintVenant(Strict):
         Of small strains.
     density_kg_per_m3 : float
         Mass per undeformed volume, for gravity.
+    strength : Strength, optional
+        What it bears, for reports.
     """
 
     kind: Literal["st_venant_kirchhoff"]
@@ -92,6 +115,7 @@ class SaintVenant(Strict):
     youngs_modulus_pa: Annotated[float, Field(gt=0.0)]
     poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5)]
     density_kg_per_m3: Annotated[float, Field(gt=0.0)] = 1000.0
+    strength: Strength | None = None
 
     @property
     def shear_modulus_pa(self) -> float:

@@ -25,7 +25,7 @@ class Mesh:
     Attributes
     ----------
     kind : str
-        quad4, quad8, hex8 or hex20.
+        quad4, quad8, hex8, hex20 or tet10.
     space : str
         plane_strain (x, y; of unit thickness), axisymmetric (r, z about the axis r = 0) or solid (x, y, z).
     points : ndarray, (n, d)
@@ -72,7 +72,7 @@ def make_mesh(kind: str, space: Space, points: ArrayLike, cells: ArrayLike) -> M
     Parameters
     ----------
     kind : str
-        quad4, quad8, hex8 or hex20.
+        quad4, quad8, hex8, hex20 or tet10.
     space : str
         plane_strain, axisymmetric or solid.
     points : array_like, (n, 2 or 3)
@@ -86,14 +86,17 @@ def make_mesh(kind: str, space: Space, points: ArrayLike, cells: ArrayLike) -> M
         One line that names the element that is inverted, degenerate or there twice, or what else is wrong.
     """
     if kind not in SOLIDS:
-        raise ModelError(f"kind {kind!r}; allowed: {', '.join(SOLIDS)}", "kind")
+        why = ", which locks without nodes in the middles of edges" if kind == "tet4" else ""
+        raise ModelError(f"kind {kind!r}{why}; allowed: {', '.join(SOLIDS)}", "kind")
     places = np.array(points, dtype=float)
     if np.asarray(cells).dtype.kind not in "iu":
         raise ModelError(f"cells of type {np.asarray(cells).dtype}; allowed: whole numbers", "cells")
     nodes = np.array(cells, dtype=np.int64)
     size, d = element(kind).nodes.shape
     if space not in (("solid",) if d == 3 else ("plane_strain", "axisymmetric")):
-        raise ModelError(f"space {space!r} of {kind}; allowed: solid for hexahedra, else plane", "space")
+        raise ModelError(
+            f"space {space!r} of {kind}; allowed: solid for hexahedra and tetrahedra, else plane", "space"
+        )
     if places.ndim != 2 or places.shape[1] != d or not np.isfinite(places).all():
         raise ModelError(f"points of shape {places.shape}; allowed: finite numbers, (n, {d})", "points")
     if nodes.ndim != 2 or nodes.shape[1] != size or len(nodes) == 0:
@@ -133,7 +136,7 @@ def _turned(kind: str, points: Array, cells: Integers) -> Integers:
     scale = volume_scale(kind, points, cells)
     if (scale < 0.0).all():
         one = element(kind)
-        mirrored = one.nodes * np.where(np.arange(one.nodes.shape[1]) == 0, -1.0, 1.0)
+        mirrored = one.nodes[:, [1, 0, 2][: one.nodes.shape[1]]]
         order = [int(np.flatnonzero((one.nodes == place).all(axis=1))[0]) for place in mirrored]
         cells, scale = cells[:, order], -scale
     low, high = scale.min(axis=1), np.abs(scale).max(axis=1)

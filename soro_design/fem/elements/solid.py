@@ -18,10 +18,10 @@ from soro_design.fem.elements.response import BULK, add_volume_curvature, cofact
 
 
 class ElementLaw(NamedTuple):
-    """Numbers of a material, and whether an element has one volume ratio, the mean of J."""
+    """Numbers of a material, and the share of its bulk modulus that acts on the mean of J, from 0 to 1."""
 
     law: Array
-    is_averaged: bool
+    shared: float
 
 
 class ElementShape(NamedTuple):
@@ -155,20 +155,42 @@ def add_stiffness(A: Array, slope: Array, hoop: Array, volume: float, column: Ar
 
 
 @inner
+def straight_ratio(u: Array, before: Array, slope: Array, hoop: Array, work: ElementWork) -> float:
+    """Return J at u (a, d) along its slope at `before`; F in `work` is that of u."""
+    fill_gradient(before, slope, hoop, work.P)
+    straight = -2.0 * cofactor(work.P, work.H)  # since H : F = 3 J there
+    fill_gradient(u, slope, hoop, work.F)
+    for i in range(3):
+        for j in range(3):
+            straight += work.H[i, j] * work.F[i, j]
+    return straight
+
+
+@inner
 def respond_element(
-    of: ElementLaw, shape: ElementShape, u: Array, with_stiffness: bool, work: ElementWork
+    of: ElementLaw,
+    shape: ElementShape,
+    at: tuple[Array, Array],
+    with_stiffness: bool,
+    work: ElementWork,
 ) -> float:
-    """work.force, .stiffness <- those of an element at u (a, d); return its energy, NaN if J <= 0."""
-    law, is_averaged = of
+    """work.force, .stiffness <- those of an element at displacements; return its energy, NaN if J <= 0.
+
+    `at`: u (a, d), and those before, from which the pressure in the stiffness follows a straight line,
+    docs/design.md (10a); with u twice the stiffness is exact.
+    """
+    law, shared = of
+    is_averaged = shared > 0.0
+    u, before = at
     slope, hoop, volume = shape
     F, H, P, A, by_volume = work.F, work.H, work.P, work.A, work.by_volume
     f, K = work.force, work.stiffness
     f[:] = 0.0
     K[:] = 0.0
     by_volume[:] = 0.0
-    total, deformed, energy = 0.0, 0.0, 0.0
+    total, deformed, straight, energy = 0.0, 0.0, 0.0, 0.0
     for g in range(volume.shape[0]):
-        fill_gradient(u, slope[g], hoop[g], F)
+        straight += volume[g] * straight_ratio(u, before, slope[g], hoop[g], work)
         J = cofactor(F, H)
         if not J > 0.0:
             return math.nan
@@ -176,20 +198,23 @@ def respond_element(
         deformed += J * volume[g]
         if is_averaged:
             add_force(H, slope[g], hoop[g], volume[g], by_volume)
-    bulk, mean_stress = law[BULK], 0.0
+    bulk, mean_stress, straight_stress = law[BULK], 0.0, 0.0
     if is_averaged:
-        mean_stress = bulk * (deformed / total - 1.0)
+        mean_stress = shared * bulk * (deformed / total - 1.0)
+        straight_stress = shared * bulk * (straight / total - 1.0)
         energy += 0.5 * total * mean_stress * (deformed / total - 1.0)
-        bulk = 0.0
+        bulk -= shared * bulk
     for g in range(volume.shape[0]):
+        ratio = straight_ratio(u, before, slope[g], hoop[g], work) if bulk > 0.0 else 0.0
         fill_gradient(u, slope[g], hoop[g], F)
-        cofactor(F, H)
+        J = cofactor(F, H)
         energy += volume[g] * respond(law, bulk, (F, H), work.products, P, A)
         if is_averaged:
             for i in range(3):
                 for j in range(3):
                     P[i, j] += mean_stress * H[i, j]
-            add_volume_curvature(F, mean_stress, A)
+        # The law has the pressure at J, the stiffness that of the straight line.
+        add_volume_curvature(F, straight_stress + bulk * (ratio - J), A)
         add_force(P, slope[g], hoop[g], volume[g], f)
         if with_stiffness:
             add_stiffness(A, slope[g], hoop[g], volume[g], work.column, K)
@@ -197,37 +222,40 @@ def respond_element(
         for i in range(f.shape[0]):
             for j in range(i + 1):
                 # Of two numbers of one node the stiffness above the diagonal is there too.
-                K[i, j] += law[BULK] / total * by_volume[i] * by_volume[j]
+                K[i, j] += shared * law[BULK] / total * by_volume[i] * by_volume[j]
     return energy
 
 
 @kernel
 def assemble(
-    law: tuple[Array, bool],
+    law: tuple[Array, float],
     cells: Integers,
     shapes: tuple[Array, Array, Array],
-    u: Array,
+    at: tuple[Array, Array],
     force: Array,
     into: tuple[Integers, Array],
 ) -> tuple[float, int]:
     """Add forces (n, d) and, unless `data` is empty, stiffnesses; return the energy, and -1 or a bad element.
 
-    `law`: fields of an `ElementLaw`; `shapes` come from `tables`; `into`: position (e, n d, n d) says where
-    in `data` the stiffness of an element goes. A bad element has J <= 0 somewhere.
+    `law`: fields of an `ElementLaw`; `shapes` come from `tables`; `at`: displacements u (n, d), and those
+    before as in `respond_element`; `into`: position (e, n d, n d) says where in `data` the stiffness of an
+    element goes. A bad element has J <= 0 somewhere.
     """
     of = ElementLaw(*law)
     slope, hoop, volume = shapes
     position, data = into
     n, d = slope.shape[2:]
     size = n * d
-    of_cell, work = np.empty((n, d)), make_work(size)
+    of_cell, of_before, work = np.empty((n, d)), np.empty((n, d)), make_work(size)
+    u, before = at
     f, K = work.force, work.stiffness
     energy = 0.0
     with_stiffness = data.shape[0] > 0
     for e in range(cells.shape[0]):
         gather(u, cells[e], of_cell)
+        gather(before, cells[e], of_before)
         shape = ElementShape(slope[e], hoop[e], volume[e])
-        own = respond_element(of, shape, of_cell, with_stiffness, work)
+        own = respond_element(of, shape, (of_cell, of_before), with_stiffness, work)
         if math.isnan(own):
             return energy, e
         energy += own

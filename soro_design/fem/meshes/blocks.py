@@ -12,6 +12,11 @@ from soro_core.errors import ModelError
 from soro_design.fem.elements.element import SOLIDS, element
 from soro_design.fem.elements.mesh import Mesh, Space, make_mesh
 
+# Nodes of the six tetrahedra around a diagonal of the cube [-1, 1]^3.
+_PATHS = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
+_SHARES = np.insert(element("tet10").nodes, 0, 1.0 - element("tet10").nodes.sum(axis=1), axis=1)
+_TETS = _SHARES @ element("hex8").nodes[np.array(_PATHS)]
+
 
 def grid(kind: str, counts: tuple[int, ...]) -> tuple[Array, Integers]:
     """Return points in the unit cube (n, d) and elements (e, nodes) of a regular grid.
@@ -19,7 +24,7 @@ def grid(kind: str, counts: tuple[int, ...]) -> tuple[Array, Integers]:
     Parameters
     ----------
     kind : str
-        quad4, quad8, hex8 or hex20.
+        quad4, quad8, hex8, hex20 or tet10 (six in a cube).
     counts : tuple of int
         Number of elements along each direction.
 
@@ -30,17 +35,17 @@ def grid(kind: str, counts: tuple[int, ...]) -> tuple[Array, Integers]:
     """
     if kind not in SOLIDS:
         raise ModelError(f"kind {kind!r}; allowed: {', '.join(SOLIDS)}", "kind")
-    nodes = element(kind).nodes
-    if len(counts) != nodes.shape[1] or any(count < 1 for count in counts):
-        raise ModelError(f"counts {counts} of {kind}; allowed: {nodes.shape[1]} numbers from 1", "counts")
+    nodes = _TETS if kind == "tet10" else element(kind).nodes[None]
+    if len(counts) != nodes.shape[2] or any(count < 1 for count in counts):
+        raise ModelError(f"counts {counts} of {kind}; allowed: {nodes.shape[2]} numbers from 1", "counts")
     # Twice as fine, so that the middles of edges have numbers too.
     fine = np.array([2 * count + 1 for count in counts])
     first = 2 * np.array(list(product(*(range(count) for count in counts)))) + 1
-    places = first[:, None, :] + nodes.astype(np.int64)[None]
+    places = first[:, None, None] + nodes.astype(np.int64)
     number = np.ravel_multi_index(tuple(np.moveaxis(places, -1, 0)), tuple(fine))
     used, cells = np.unique(number, return_inverse=True)
     points = np.stack(np.unravel_index(used, tuple(fine)), axis=1) / (fine - 1.0)
-    return points, cells.reshape(number.shape).astype(np.int64)
+    return points, cells.reshape(-1, number.shape[2]).astype(np.int64)
 
 
 def mapped(kind: str, space: Space, counts: tuple[int, ...], place: Callable[[Array], Array]) -> Mesh:
@@ -49,7 +54,7 @@ def mapped(kind: str, space: Space, counts: tuple[int, ...], place: Callable[[Ar
     Parameters
     ----------
     kind : str
-        quad4, quad8, hex8 or hex20.
+        quad4, quad8, hex8, hex20 or tet10 (six in a cube).
     space : str
         plane_strain, axisymmetric or solid.
     counts : tuple of int
@@ -72,7 +77,7 @@ def block(kind: str, space: Space, counts: tuple[int, ...], size: tuple[float, .
     Parameters
     ----------
     kind : str
-        quad4, quad8, hex8 or hex20.
+        quad4, quad8, hex8, hex20 or tet10 (six in a cube).
     space : str
         plane_strain, axisymmetric or solid.
     counts : tuple of int
@@ -94,7 +99,7 @@ def tube(kind: str, counts: tuple[int, ...], radii: tuple[float, float], length:
     Parameters
     ----------
     kind : str
-        quad4, quad8, hex8 or hex20.
+        quad4, quad8, hex8, hex20 or tet10 (six in a cube).
     counts : tuple of int
         Number of elements across the wall, around, and of a solid along it.
     radii : tuple of float

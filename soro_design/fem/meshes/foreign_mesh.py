@@ -12,8 +12,10 @@ from typing import Any
 
 import numpy as np
 
+from soro_core.arrays import Integers
 from soro_core.errors import ModelError, short
 from soro_core.extras import named_packages
+from soro_design.fem.meshes.named_sets import inp_parts
 
 # How files begin, or what stands at the beginning of a line near there, and meshio's name of the format.
 _FORMATS = (
@@ -40,6 +42,7 @@ _NO_MESHES = (
     (rb"(?i)\A(<!doctype )?html|\A<html", "a web page"),
 )
 _HEAD = 8192
+_INCLUDE = re.compile(r"(?mi)^[ \t]*\*include[ \t]*,[ \t]*input[ \t]*=(.*)$")
 _COMMENT = re.compile(rb"(?m)^[ \t]*(//|#).*\n")
 
 
@@ -64,6 +67,8 @@ def read_foreign(path: Path) -> Any:
     if not head:
         raise _refused(path, "an empty file")
     form = next((name for sign, name in _FORMATS if re.search(sign, head, re.MULTILINE)), None)
+    if form is None and path.suffix.lower() == ".inp":
+        form = "abaqus"
     words = next((words for sign, words in _NO_MESHES if re.search(sign, head, re.MULTILINE)), None)
     if form is None and words is not None:
         raise _refused(path, words)
@@ -74,6 +79,7 @@ def read_foreign(path: Path) -> Any:
         raise _refused(path, "by its content gmsh, and damaged: $EndNodes or $EndElements is missing")
     if form == "stl":
         _check_facets(path, data)
+    sets = None
     with tempfile.TemporaryDirectory(prefix="soro-") as folder:
         plain = path
         if form == "gmsh" and re.search(rb"\$MeshFormat\s+\S+\s+0\s", head):
@@ -82,6 +88,10 @@ def read_foreign(path: Path) -> Any:
         if form == "obj":
             plain = Path(folder) / "plain.obj"
             plain.write_bytes(_plain_obj(path, data))
+        if form == "abaqus":
+            plain = Path(folder) / "plain.inp"
+            text, sets = _plain_inp(path)
+            plain.write_text(text, encoding="utf-8")
         said = io.StringIO()
         try:
             with (
@@ -96,6 +106,8 @@ def read_foreign(path: Path) -> Any:
             text = " ".join(cause.replace(str(plain), path.name).split()) or "unreadable"
             begins = f"by its content {form}" if form else f"by its ending {path.suffix}"
             raise _refused(path, f"{begins}, and damaged: {text}") from None
+    if sets is not None:
+        found.point_sets = sets
     if not np.isfinite(found.points).all():
         raise _refused(path, "points that are not finite")
     for block in found.cells:
@@ -132,6 +144,21 @@ def _plain_obj(path: Path, data: bytes) -> bytes:
     if most > points:
         raise _refused(path, f"a face of point {most} of {points}")
     return b"\n".join(lines) + b"\n"
+
+
+def _plain_inp(path: Path) -> tuple[str, dict[str, Integers]]:
+    """Return `inp_parts` of a file and of those that it includes."""
+
+    def included(match: re.Match[str]) -> str:
+        return (path.parent / match[1].strip()).read_text(encoding="utf-8", errors="replace")
+
+    try:
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
+        return inp_parts(_INCLUDE.sub(included, text))
+    except OSError as error:
+        raise _refused(path, f"a file that it includes: {error.strerror}") from None
+    except (ValueError, KeyError, IndexError) as error:
+        raise _refused(path, f"by its content abaqus, and damaged: {error}") from None
 
 
 def _check_facets(path: Path, data: bytes) -> None:

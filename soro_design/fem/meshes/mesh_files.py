@@ -1,8 +1,7 @@
-"""Meshes of other programs: .msh and what else meshio reads; STEP by netgen (extras `design`, `mesh`).
+"""Meshes of other programs: what meshio reads; STEP and STL by netgen (extras `design`, `mesh`).
 
-`split` makes quadrilaterals and hexahedra of triangles and tetrahedra, one at each corner: it runs from the
-corner over the middles of edges and faces to the middle of the old element. So meshes of programs that know
-triangles and tetrahedra alone become ones that do not lock.
+Triangles and tetrahedra with corners alone lock. `refined` makes three quadrilaterals of a triangle, one at
+each corner, and gives a tetrahedron nodes in the middles of its edges (docs/adr/0078-tetrahedra.md).
 """
 
 from __future__ import annotations
@@ -21,19 +20,22 @@ from soro_core.errors import ModelError
 from soro_core.extras import named_packages
 from soro_design.fem.elements.mesh import Mesh, Space, make_mesh
 from soro_design.fem.meshes.foreign_mesh import read_foreign
+from soro_design.fem.meshes.named_sets import named_sets
+from soro_design.fem.meshes.stl import read_stl
+from soro_design.fem.meshes.surface import is_closed, volume
 
-# Corners whose middle is a node of the new element at corner 0; the others follow by turning the old one.
+# Nodes of the new elements by the corners of which each is the middle, and the orders of corners, of the same
+# sense, that give one of them each: three quad4, or one tet10.
 _QUAD = ((0,), (0, 1), (0, 1, 2), (0, 2))
-_HEX = ((0,), (0, 1), (0, 1, 2), (0, 2), (0, 3), (0, 1, 3), (0, 1, 2, 3), (0, 2, 3))
-# Corners in an order of the same sense that begins with each.
-_TURNS = {3: ((0, 1, 2), (1, 2, 0), (2, 0, 1)), 4: ((0, 1, 2, 3), (1, 0, 3, 2), (2, 3, 0, 1), (3, 2, 1, 0))}
+_TET = ((0,), (1,), (2,), (3,), (0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+_REFINED = {3: (_QUAD, ((0, 1, 2), (1, 2, 0), (2, 0, 1))), 4: (_TET, ((0, 1, 2, 3),))}
 
 
-def split(points: Array, simplices: Integers) -> tuple[Array, Integers, list[Integers]]:
-    """Return points, and three quad4 of each triangle or four hex8 of each tetrahedron.
+def refined(points: Array, simplices: Integers) -> tuple[Array, Integers, list[Integers]]:
+    """Return points, and three quad4 of each triangle or the tet10 of each tetrahedron.
 
-    Third come the corners of which the new points are the middles, in their order: of edges (m, 2), of
-    triangles (m, 3), of tetrahedra (m, 4).
+    Third come the corners of which the new points are the middles, in their order: of edges (m, 2), then of
+    triangles (m, 3).
 
     Parameters
     ----------
@@ -43,9 +45,10 @@ def split(points: Array, simplices: Integers) -> tuple[Array, Integers, list[Int
         Corners of each, numbered in the sense of VTK.
     """
     count = simplices.shape[1]
+    nodes, turns = _REFINED[count]
     found: dict[tuple[int, ...], Integers] = {(k,): simplices[:, k] for k in range(count)}
     places, middles, first = [points], [], len(points)
-    for size in range(2, count + 1):
+    for size in range(2, max(len(node) for node in nodes) + 1):
         these = list(combinations(range(count), size))
         corners = np.concatenate([np.sort(simplices[:, one], axis=1) for one in these])
         # What several elements share has one middle.
@@ -54,20 +57,26 @@ def split(points: Array, simplices: Integers) -> tuple[Array, Integers, list[Int
         places.append(points[shared].mean(axis=1))
         middles.append(shared)
         first += len(shared)
-    nodes = _QUAD if count == 3 else _HEX
     cells = [
-        np.stack([found[tuple(sorted(turn[k] for k in node))] for node in nodes], axis=1)
-        for turn in _TURNS[count]
+        np.stack([found[tuple(sorted(turn[k] for k in node))] for node in nodes], axis=1) for turn in turns
     ]
     return np.concatenate(places), np.concatenate(cells).astype(np.int64), middles
 
 
-# Kinds of meshio by ours, the best first; simplices are split.
-_KINDS = {"hex20": "hexahedron20", "hex8": "hexahedron", "quad8": "quad8", "quad4": "quad"}
-_SIMPLICES = {"tetra": "hex8", "triangle": "quad4"}
+# Kinds of meshio by ours, the best first; simplices with corners alone are refined.
+_KINDS = {
+    "hex20": "hexahedron20",
+    "hex8": "hexahedron",
+    "tet10": "tetra10",
+    "quad8": "quad8",
+    "quad4": "quad",
+}
+_SIMPLICES = {"tetra": "tet10", "triangle": "quad4"}
 # Of a flat mesh, its extent in z over that in x or y.
 _FLAT = 1e-6
-_SOLID = ("hexahedron20", "hexahedron", "tetra")
+_SOLID = ("hexahedron20", "hexahedron", "tetra10", "tetra")
+# Least and greatest volume of the mesh of an STL over that inside it.
+_VOLUME_OF_STL = (0.95, 1.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +88,7 @@ class MeshFile:
     mesh : Mesh
         The mesh.
     groups : dict of str to ndarray of bool, (n,)
-        Nodes of the named groups of faces, lines and points (physical groups of .msh).
+        Nodes of the named sets of the file (`named_sets`).
     """
 
     mesh: Mesh
@@ -87,7 +96,7 @@ class MeshFile:
 
 
 def read_mesh(path: str | Path, space: Space, unit_m: float = 1.0) -> MeshFile:
-    """Read a mesh, of .msh for example; triangles and tetrahedra are split into quad4 and hex8.
+    """Read a mesh, of .msh for example; triangles and tetrahedra with corners alone are `refined`.
 
     Parameters
     ----------
@@ -123,7 +132,7 @@ def read_mesh(path: str | Path, space: Space, unit_m: float = 1.0) -> MeshFile:
     if d == 2 and (spans[2:] > _FLAT * spans[:2].max()).any():
         raise ModelError(f"path {path}: points off a plane of z; allowed: a flat mesh ({space})", "path")
     points = places[:, :d] * unit_m
-    return _file(points, cells, wanted[0], space, _groups(found))
+    return _file(points, cells, wanted[0], space, named_sets(found))
 
 
 def write_mesh(path: str | Path, mesh: Mesh, at_nodes: Mapping[str, ArrayLike] | None = None) -> None:
@@ -159,14 +168,14 @@ def write_mesh(path: str | Path, mesh: Mesh, at_nodes: Mapping[str, ArrayLike] |
 
 
 def mesh_step(path: str | Path, largest_m: float) -> Mesh:
-    """Mesh the solid of a STEP file with tetrahedra, and split them into hex8.
+    """Mesh the solid of a STEP file with tet10, whose edges are straight.
 
     Parameters
     ----------
     path : str or Path
         File; netgen turns its units into millimetres.
     largest_m : float
-        Greatest edge of a tetrahedron, twice that of a hex8.
+        Greatest edge of a tetrahedron.
 
     Raises
     ------
@@ -177,20 +186,59 @@ def mesh_step(path: str | Path, largest_m: float) -> Mesh:
     """
     with named_packages():
         from netgen.occ import OCCGeometry
+    return _by_netgen(OCCGeometry, path, largest_m, 1e-3, "a STEP file of a solid")
+
+
+def mesh_stl(path: str | Path, largest_m: float, unit_m: float = 1e-3) -> Mesh:
+    """Mesh the inside of the surfaces of an STL file with tet10, whose edges are straight.
+
+    Parameters
+    ----------
+    path : str or Path
+        File; a surface inside another one, turned inwards, is the wall of a cavity.
+    largest_m : float
+        Greatest edge of a tetrahedron.
+    unit_m : float
+        Unit of the file [m].
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be read or meshed, its surface is open, or the mesh has another volume.
+    MissingPackageError
+        If netgen is not installed.
+    """
+    with named_packages():
+        from netgen.stl import STLGeometry
+    corners, triangles = read_stl(path, unit_m)
+    inside = volume(corners, triangles)
+    if not is_closed(triangles) or inside <= 0.0:
+        is_open = "turned inside out" if is_closed(triangles) else "open, or its triangles differ in sense"
+        raise ModelError(f"path {path}: a surface that is {is_open}; allowed: closed, outwards", "path")
+    allowed = "a closed surface without triangles that cross, and a small largest_m"
+    mesh = _by_netgen(STLGeometry, path, largest_m, unit_m, allowed)
+    share = float(np.linalg.det(np.diff(mesh.points[mesh.cells[:, :4]], axis=1)).sum()) / 6.0 / inside
+    if not _VOLUME_OF_STL[0] <= share <= _VOLUME_OF_STL[1]:
+        raise ModelError(f"path {path}: a mesh of {share:.0%} of its volume; allowed: {allowed}", "path")
+    return mesh
+
+
+def _by_netgen(reader: Any, path: str | Path, largest_m: float, unit_m: float, allowed: str) -> Mesh:
+    """The tet10 of what a class of netgen reads, in a unit of the mesh [m]."""
     if not Path(path).is_file():
-        raise ModelError(f"path {path}: no such file; allowed: a STEP file", "path")
+        raise ModelError(f"path {path}: no such file; allowed: {allowed}", "path")
     if not 0.0 < largest_m < np.inf:
         raise ModelError(f"largest_m {largest_m}; allowed: a number above 0", "largest_m")
     try:
         # Its threads wait busily for each other: with fewer cores than threads it takes ten times longer.
-        found = OCCGeometry(str(path)).GenerateMesh(maxh=1e3 * largest_m, parallel_meshing=False)
+        found = reader(str(path)).GenerateMesh(maxh=largest_m / unit_m, parallel_meshing=False)
     except Exception as error:
         line = " ".join(str(error).split())
-        raise ModelError(f"path {path}: {line}; allowed: a STEP file of a solid", "path") from None
+        raise ModelError(f"path {path}: {line}; allowed: {allowed}", "path") from None
     cells = np.array([[node.nr - 1 for node in cell.vertices] for cell in found.Elements3D()], dtype=np.int64)
     if len(cells) == 0:
-        raise ModelError(f"path {path}: no solid; allowed: a STEP file of a solid", "path")
-    return _file(1e-3 * np.asarray(found.Coordinates()), cells, "tetra", "solid", {}).mesh
+        raise ModelError(f"path {path}: no mesh of a solid by netgen; allowed: {allowed}", "path")
+    return _file(unit_m * np.asarray(found.Coordinates()), cells, "tetra", "solid", {}).mesh
 
 
 def _file(points: Array, cells: Integers, kind: str, space: Space, groups: dict[str, Integers]) -> MeshFile:
@@ -201,18 +249,8 @@ def _file(points: Array, cells: Integers, kind: str, space: Space, groups: dict[
     ours = next((one for one, other in _KINDS.items() if other == kind), "")
     if ours:
         return MeshFile(make_mesh(ours, space, points, cells), is_in)
-    points, cells, middles = split(points, cells)
+    points, cells, middles = refined(points, cells)
     # The middle of an edge or a face is in a group if all its corners are.
     for name, inside in is_in.items():
         is_in[name] = np.concatenate([inside, *(inside[corners].all(axis=1) for corners in middles)])
     return MeshFile(make_mesh(_SIMPLICES[kind], space, points, cells), is_in)
-
-
-def _groups(found: Any) -> dict[str, Integers]:
-    """Nodes of the physical groups of a mesh of meshio, by name."""
-    groups = {}
-    for name, (tag, _) in found.field_data.items():
-        tags = found.cell_data.get("gmsh:physical", [])
-        nodes = [block.data[of == tag].ravel() for block, of in zip(found.cells, tags, strict=False)]
-        groups[name] = np.unique(np.concatenate(nodes)).astype(np.int64) if nodes else np.empty(0, np.int64)
-    return groups

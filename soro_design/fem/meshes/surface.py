@@ -11,6 +11,7 @@ from soro_design.fem.elements.mesh import Mesh
 # Straight pieces of a face, by its number of nodes.
 _LINES = {2: ((0, 1),), 3: ((0, 2), (2, 1))}
 _TRIANGLES = {
+    6: ((0, 3, 5), (3, 1, 4), (5, 4, 2), (3, 4, 5)),
     4: ((0, 1, 2), (0, 2, 3)),
     8: ((0, 4, 7), (4, 1, 5), (5, 2, 6), (6, 3, 7), (4, 5, 6), (4, 6, 7)),
 }
@@ -20,6 +21,24 @@ def pieces(faces: Integers) -> Integers:
     """Return straight pieces (p, d) of faces (f, m): lines of a section, triangles of a solid."""
     cut = np.array((_LINES | _TRIANGLES)[faces.shape[1]])
     return np.asarray(faces[:, cut].reshape(-1, cut.shape[1]))
+
+
+def edges_of(faces: Integers, d: int) -> Integers:
+    """Return the places around each face (f, c, k): c ends of one node of a section, or c edges of a solid.
+
+    Parameters
+    ----------
+    faces : ndarray of int, (f, m)
+        Faces of a boundary.
+    d : int
+        2 for a section, 3 for a solid.
+    """
+    if d == 2:
+        return faces[:, :2, None]
+    corners = 3 if faces.shape[1] == 6 else 4
+    edges = np.stack([faces[:, :corners], np.roll(faces[:, :corners], -1, axis=1)], axis=2)
+    # The node in the middle of an edge, if there is one, has the number of its first corner, plus `corners`.
+    return np.concatenate([edges, faces[:, corners:, None]], axis=2) if faces.shape[1] > corners else edges
 
 
 def solid_surface(mesh: Mesh, u: Array | float = 0.0) -> tuple[Array, Integers]:

@@ -64,6 +64,30 @@ def write_vtu(
         "</UnstructuredGrid>",
         "</VTKFile>",
     ]
+    _write(path, lines)
+
+
+def write_pvd(path: str | Path, files: Mapping[float, str]) -> None:
+    """Write a series of VTU files for ParaView, which shows them one after the other.
+
+    Parameters
+    ----------
+    path : str or Path
+        File ending in .pvd, which is replaced.
+    files : mapping of float to str
+        Names of files beside it, by time or load.
+
+    Raises
+    ------
+    ModelError
+        If the file cannot be written.
+    """
+    rows = [f'<DataSet timestep="{at!r}" part="0" file={quoteattr(name)}/>' for at, name in files.items()]
+    head = '<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">'
+    _write(path, [head, "<Collection>", *rows, "</Collection>", "</VTKFile>"])
+
+
+def _write(path: str | Path, lines: list[str]) -> None:
     try:
         Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
     except OSError as error:

@@ -10,13 +10,14 @@ from soro_core.arrays import Array
 from soro_core.errors import ModelError
 from soro_design.fem.part import Part
 from soro_design.fem.solve.equations import LOOSE_CAUSE, Equations
-from soro_design.fem.solve.equilibrium import CUT, Attempt, equilibrium, inversion
+from soro_design.fem.solve.equilibrium import Attempt, equilibrium, inversion
 from soro_design.fem.solve.states import EquilibriumState, LoadSolution, SolverSettings
+from soro_design.fem.solve.steps import CUT, GROWTH
 
 # Iterations of a step that keeps its length, and the least cosine between a step and its tangent.
 USUAL, STRAIGHT = 5, 0.7
-# Growth of a step, shortenings of one until the path counts as ended, steps that look for a limit point.
-GROWTH, SHORTENINGS, LOOKS = 1.5, 20, 40
+# Shortenings of a step until the path counts as ended, steps that look for a limit point.
+SHORTENINGS, LOOKS = 20, 40
 
 
 def follow(
@@ -144,7 +145,7 @@ class ArcLengthPath:
 
     def _rate(self, u: Array, load: float) -> Array | None:
         """du/dload, or None where the stiffness is singular."""
-        tangent = self.equations.tangent(self.equations.part.balance(u, load))
+        tangent = self.equations.tangent(self.equations.part.balance(u, load), u)
         return tangent.move(self.equations.part.push(u), self.equations.target) if tangent else None
 
     def _is_straight(self, moved: Array, tangent: Array) -> bool:
@@ -155,16 +156,16 @@ class ArcLengthPath:
     def _correct(self, u: Array, load: float) -> Attempt:
         """Newton's method for displacements and load, each step normal to the way from the last state."""
         equations, part, start = self.equations, self.equations.part, self.last.u
-        u = start + part.reach(start, u) * (u - start)
+        before, u = start, start + part.reach(start, u) * (u - start)
         for iteration in range(self.settings.iterations):
-            balance = part.balance(u, load)
+            balance = part.balance(u, load, before=before)
             if balance.inverted >= 0:
                 return Attempt(None, inversion(part, balance.inverted), iteration)
             if equations.is_met(balance, u, load, self.settings.tolerance):
                 forces = equations.state_forces(balance)
                 return Attempt(EquilibriumState(load, u, forces, balance.energy), "", iteration)
             self.iterations += 1
-            tangent = equations.tangent(balance)
+            tangent = equations.tangent(balance, u)
             by_gap = tangent.move(-balance.unbalanced, equations.gap(u, load)) if tangent else None
             rate = tangent.move(part.push(u), equations.target) if tangent else None
             if by_gap is None or rate is None:
@@ -176,7 +177,7 @@ class ArcLengthPath:
             rise = -float((way * by_gap).sum()) / along
             step = by_gap + rise * rate
             share = part.reach(u, u + step)
-            u, load = u + share * step, load + share * rise
+            before, u, load = u, u + share * step, load + share * rise
         return Attempt(None, "no equilibrium within the iterations", self.settings.iterations)
 
 

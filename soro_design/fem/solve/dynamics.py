@@ -184,7 +184,7 @@ class _March:
     def start(self, u: Array, v: Array) -> Moving:
         """Return the state at the start: accelerations of free nodes balance the forces."""
         balance = self.part.balance(u, self.load(0.0))
-        tangent = self.equations.tangent(replace(balance, data=self.mass, coupling=None))
+        tangent = self.equations.tangent(replace(balance, data=self.mass, coupling=None), u)
         a = tangent.move(-balance.unbalanced, np.zeros_like(u)) if tangent else None
         if balance.inverted >= 0 or a is None:
             raise ModelError(f"u: {inversion(self.part, max(balance.inverted, 0))}", "u")
@@ -205,7 +205,7 @@ class _March:
         # Displacements with new accelerations of 0; what u is beyond them, these have made.
         coasted = last.u + h * last.v + h * h * (0.5 - beta) * last.a
         balance_at = partial(self.balance, last, coasted)
-        u, balance = last.u, balance_at(last.u)
+        u, balance = last.u, balance_at(last.u, last.u)
         for _ in range(self.iterations):
             if balance.inverted >= 0:
                 return None, inversion(self.part, balance.inverted)
@@ -213,7 +213,7 @@ class _March:
                 a = (u - coasted) / (beta * h * h)
                 v = last.v + h * ((1.0 - gamma) * last.a + gamma * a)
                 return self.moving(last.time_s + h, u, v, a), ""
-            tangent = self.equations.tangent(balance)
+            tangent = self.equations.tangent(balance, u)
             gap = self.equations.gap(u, load)
             change = tangent.move(-balance.unbalanced, gap) if tangent else None
             if change is None:
@@ -222,10 +222,13 @@ class _March:
             u, balance = moved(self.equations, balance_at, u, change, balance, is_there, is_searching)
         return None, f"no balance in {self.iterations} iterations; take shorter steps"
 
-    def balance(self, last: Moving, coasted: Array, u: Array) -> Balance:
-        """Return forces with those of inertia, in between the last state and u, and their derivative by u."""
+    def balance(self, last: Moving, coasted: Array, u: Array, before: Array) -> Balance:
+        """Return forces with those of inertia, in between the last state and u, and their derivative by u.
+
+        Displacements `before` are those of `Part.balance`.
+        """
         of_mass, of_force, h = self.alpha.of_mass, self.alpha.of_force, self.h
-        balance = self.part.balance(u, self.load(last.time_s + h))
+        balance = self.part.balance(u, self.load(last.time_s + h), before=before)
         by_u = (1.0 - of_mass) / (self.alpha.beta * h * h)
         inertia = self.inertia(by_u * (u - coasted) + of_mass * last.a)
         return replace(

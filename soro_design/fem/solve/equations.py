@@ -10,6 +10,7 @@ from scipy.sparse import diags_array
 from soro_core.arrays import Array
 from soro_design.fem.part import Balance, Part
 from soro_design.fem.solve.linear import Factors, factorised, regular_factors
+from soro_design.fem.solve.multigrid import rigid_motions
 
 # Share of stiffness times displacements to which forces are known: some times the precision of numbers.
 ROUNDING = 2e-15
@@ -78,12 +79,17 @@ class Equations:
 
     def is_loose(self) -> bool:
         """Whether the undeformed part can move without a force."""
-        matrix = self.reduced(self.part.balance(np.zeros_like(self.target), 0.0))
-        return regular_factors(matrix, is_solid=self.target.shape[1] == 3) is None
+        zero = np.zeros_like(self.target)
+        matrix = self.reduced(self.part.balance(zero, 0.0))
+        return regular_factors(matrix, self.is_solid, self._motions(zero)) is None
 
-    def factors(self, balance: Balance) -> Factors | None:
-        """Return the factors of the stiffness between free nodes, or None where it is singular."""
-        return factorised(self.reduced(balance), is_solid=self.target.shape[1] == 3)
+    @property
+    def is_solid(self) -> bool:
+        """Whether nodes move in three directions."""
+        return len(self.target.T) == 3
+
+    def _motions(self, u: Array) -> Array | None:
+        return rigid_motions(self.part.mesh.points + u, self.is_held) if self.is_solid else None
 
     def reduced(self, balance: Balance) -> Any:
         """Return the stiffness between free nodes, with a diagonal where nodes are held."""
@@ -97,9 +103,9 @@ class Equations:
         is_free = diags_array(np.where(flat, 0.0, 1.0))
         return (matrix + is_free @ balance.coupling @ is_free).tocsc()
 
-    def tangent(self, balance: Balance) -> Tangent | None:
-        """Return the factors of the stiffness, or None where it is singular."""
-        solver = self.factors(balance)
+    def tangent(self, balance: Balance, u: Array) -> Tangent | None:
+        """Return the factors of the stiffness at u (n, d) [m], or None where it is singular."""
+        solver = factorised(self.reduced(balance), self.is_solid, self._motions(u))
         return None if solver is None else Tangent(self, balance, solver)
 
     def state_forces(self, balance: Balance) -> Array:

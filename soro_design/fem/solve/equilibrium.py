@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,11 +11,12 @@ from soro_core.arrays import Array
 from soro_design.fem.part import Balance, Part
 from soro_design.fem.solve.equations import Equations
 from soro_design.fem.solve.states import EquilibriumState, SolverSettings
+from soro_design.fem.solve.steps import CUT, shortened, whole_or_half
 
-CUT = 0.5
 # The slope of the potential at the end of a step over that at its start; beyond it the step is shortened.
 KEPT_SLOPE = 0.9
-SHORTENINGS = 8
+# Iterations over which the unbalanced force may grow on and on, where no search shortens steps.
+GROWING = 3
 
 
 class Attempt(NamedTuple):
@@ -47,10 +47,14 @@ def equilibrium(
     """
     part = equations.part
     u = safe + part.reach(safe, guess) * (guess - safe)
-    balance_at = partial(part.balance, load=load)
-    balance = balance_at(u)
+
+    def balance_at(u: Array, before: Array) -> Balance:
+        return part.balance(u, load, before=before)
+
+    balance = balance_at(u, safe)
     if balance.inverted >= 0:
-        u, balance = safe, balance_at(safe)
+        u, balance = safe, balance_at(safe, safe)
+    last, growing = np.inf, 0
     for iteration in range(settings.iterations):
         if balance.inverted >= 0:
             return Attempt(None, inversion(part, balance.inverted), iteration)
@@ -58,7 +62,13 @@ def equilibrium(
             return Attempt(
                 EquilibriumState(load, u, equations.state_forces(balance), balance.energy), "", iteration
             )
-        tangent = equations.tangent(balance)
+        size = float(np.linalg.norm(equations.free(balance)))
+        # The load itself makes the first one; a search looks at the potential, and the force may grow.
+        growing = growing + 1 if size > last and not is_searching else 0
+        if growing == GROWING:
+            return Attempt(None, f"the unbalanced force grows to {size:.3g} N", iteration)
+        last = size if iteration else np.inf
+        tangent = equations.tangent(balance, u)
         step = tangent.move(-balance.unbalanced, equations.gap(u, load)) if tangent else None
         if step is None:
             return Attempt(None, "the stiffness is singular: hold the part", iteration)
@@ -71,7 +81,7 @@ def equilibrium(
 
 def moved(
     equations: Equations,
-    balance_at: Callable[[Array], Balance],
+    balance_at: Callable[[Array, Array], Balance],
     u: Array,
     step: Array,
     start: Balance,
@@ -85,7 +95,7 @@ def moved(
     equations : Equations
         Of the part.
     balance_at : callable
-        Forces at displacements (n, d).
+        Forces at displacements (n, d), by those before.
     u, step : ndarray, (n, d)
         Displacements before the step, and the whole step [m].
     start : Balance
@@ -97,19 +107,14 @@ def moved(
     """
     # Held nodes that still move do work too, and a saddle has no descent: no potential to follow.
     slope = float((step * equations.free(start)).sum()) if is_searching and is_there else 0.0
-    length = equations.part.reach(u, u + step)
-    for _ in range(SHORTENINGS):
-        end = u + length * step
-        balance = balance_at(end)
+
+    def share(balance: Balance) -> float:
         if balance.inverted >= 0:
             # Held nodes have to move by all of it.
-            share = CUT if is_there else 1.0
-        else:
-            share = _share(slope, float((step * equations.free(balance)).sum()))
-        if share == 1.0:
-            break
-        length *= share
-    return end, balance
+            return whole_or_half(balance) if is_there else 1.0
+        return _share(slope, float((step * equations.free(balance)).sum()))
+
+    return shortened(balance_at, u, step, share, equations.part.reach(u, u + step))
 
 
 def _share(slope: float, now: float) -> float:

@@ -1,8 +1,10 @@
-"""Factors of sparse matrices of symmetric pattern: by SuperLU, or by pardiso where it is there and pays."""
+"""Solutions with sparse matrices of symmetric pattern: SuperLU, pardiso, and multigrid of large solids."""
 
 from __future__ import annotations
 
 import contextlib
+import functools
+import logging
 from importlib.util import find_spec
 from typing import Any, Protocol
 
@@ -11,19 +13,20 @@ from scipy.sparse import triu
 from scipy.sparse.linalg import splu
 
 from soro_core.arrays import Array
+from soro_design.fem.solve.multigrid import Multigrid
 
 # Entries above this share of their column may stay pivots of the diagonal.
 PIVOT = 1e-3
 # A part that a force moves so many times further than each node alone can move freely.
 LOOSE = 1e13
-# Rows from which pardiso pays for a solid.
-MANY = 15_000
+# Rows from which pardiso pays for a solid, and from which multigrid does.
+MANY, LARGE = 15_000, 20_000
 # Greatest share by which a matrix may lack symmetry and still count as symmetric.
 SKEW = 1e-13
 
 
 class Factors(Protocol):
-    """A factorised matrix."""
+    """A factorised matrix, or one that iterations solve."""
 
     def solve(self, right: Array) -> Array:
         """Return the solution (n,) for a right hand side (n,)."""
@@ -46,8 +49,7 @@ class _Pardiso:
     def __init__(self, matrix: Any) -> None:
         from pypardiso import PyPardisoSolver
 
-        rows = matrix.tocsr()
-        is_symmetric = abs(rows - rows.T).max() <= SKEW * abs(rows).max()
+        rows, is_symmetric = matrix.tocsr(), _is_symmetric(matrix)
         self._matrix = triu(rows, format="csr") if is_symmetric else rows
         self._solver = PyPardisoSolver(mtype=-2 if is_symmetric else 1)
         # Numbers of our own; nested dissection; refinement; the least pivot 1e-13 of the norm.
@@ -63,7 +65,20 @@ class _Pardiso:
             self._solver.free_memory(everything=True)
 
 
-def factorised(matrix: Any, is_solid: bool = False) -> Factors | None:
+def _is_symmetric(matrix: Any) -> bool:
+    return bool(abs(matrix - matrix.T).max() <= SKEW * abs(matrix).max())
+
+
+@functools.cache
+def _advise(rows: int) -> None:
+    """Say once that another package is quicker."""
+    logging.getLogger("soro_design").warning(
+        "soro: %d displacements take long; quicker: pip install 'soro[multigrid]' (or 'soro[pardiso]')",
+        rows,
+    )
+
+
+def factorised(matrix: Any, is_solid: bool = False, motions: Array | None = None) -> Factors | None:
     """Return the factors of a sparse matrix whose pattern is symmetric, or None where a pivot is 0.
 
     Parameters
@@ -72,22 +87,30 @@ def factorised(matrix: Any, is_solid: bool = False) -> Factors | None:
         By columns.
     is_solid : bool
         Whether it is that of a solid: then pardiso is used above some size, if it is installed.
+    motions : ndarray, (n, 6), optional
+        Rigid motions of a solid: then, without pardiso, multigrid is used from some size on, if installed.
     """
-    has_pardiso = is_solid and matrix.shape[0] >= MANY and find_spec("pypardiso") is not None
+    rows = matrix.shape[0]
     try:
-        return _Pardiso(matrix) if has_pardiso else _SuperLU(matrix)
+        if is_solid and rows >= MANY and find_spec("pypardiso"):
+            return _Pardiso(matrix)
+        if motions is not None and rows >= LARGE:
+            if find_spec("pyamg"):
+                return Multigrid(matrix, motions, _is_symmetric(matrix))
+            _advise(rows)
+        return _SuperLU(matrix)
     # Of SuperLU; that of pardiso is an own kind.
     except RuntimeError:
         return None
 
 
-def regular_factors(matrix: Any, is_solid: bool = False) -> Factors | None:
+def regular_factors(matrix: Any, is_solid: bool = False, motions: Array | None = None) -> Factors | None:
     """Return the factors, or None where it is singular, by how far some force moves its rows.
 
     Of a pivot that is 0, round-off mostly leaves something, and a solution that means nothing. Newton's
-    method needs no such measure, because its balance decides. Parameters as in `factorised`.
+    method needs no such measure, because its balance decides; parameters as in `factorised`.
     """
-    factors = factorised(matrix, is_solid)
+    factors = factorised(matrix, is_solid, motions)
     if factors is None:
         return None
     scale = np.sqrt(np.abs(matrix.diagonal()))

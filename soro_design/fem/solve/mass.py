@@ -9,6 +9,7 @@ from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
 
 from soro_core.arrays import Array
 from soro_core.errors import ModelError
+from soro_design.fem.elements.element import mean_products
 from soro_design.fem.part import Part
 from soro_design.fem.solve.equations import Equations
 from soro_design.fem.solve.linear import factorised
@@ -44,7 +45,11 @@ class VibrationModes:
 def mass_entries(part: Part) -> Array:
     """Return the consistent mass M_ab = int rho N_a N_b dV [kg] as entries in the pattern of the part."""
     shape, d = part.mesh.element.shape, part.mesh.points.shape[1]
-    each = part.material.density_kg_per_m3 * np.einsum("eg,ga,gb->eab", part.volume, shape, shape)
+    if part.mesh.kind == "tet10":
+        each = np.einsum("eg,ab->eab", part.volume, mean_products("tet10"))
+    else:
+        each = np.einsum("eg,ga,gb->eab", part.volume, shape, shape)
+    each *= part.material.density_kg_per_m3
     data = np.zeros(len(part.pattern.keys))
     for k in range(d):
         np.add.at(data, part.pattern.cells[:, k::d, k::d], each)

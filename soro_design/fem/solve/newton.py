@@ -10,10 +10,9 @@ from soro_core.errors import ModelError
 from soro_design.fem.part import Part
 from soro_design.fem.solve.arc import at_rest, limit_load
 from soro_design.fem.solve.equations import LOOSE_CAUSE, Equations
-from soro_design.fem.solve.equilibrium import CUT, Attempt, equilibrium
+from soro_design.fem.solve.equilibrium import Attempt, equilibrium
 from soro_design.fem.solve.states import EquilibriumState, LoadSolution, SolverSettings
-
-GROWTH = 1.5
+from soro_design.fem.solve.steps import LoadSteps
 
 
 def solve(
@@ -68,7 +67,8 @@ class _Way:
         self.last = at_rest(part)
         self.before: EquilibriumState | None = None
         self.reached: list[EquilibriumState] = []
-        self.step = settings.first_step
+        self.size = LoadSteps(settings.first_step, settings.least_step)
+        self.has_search_lost = False
         self.steps = self.iterations = 0
 
     def ended(self, cause: str) -> LoadSolution:
@@ -79,34 +79,30 @@ class _Way:
     def go_to(self, stop: float) -> str:
         """Go on to a load; return the cause if there is no way."""
         while self.last.load < stop:
-            load = stop if self.last.load + 1.001 * self.step >= stop else self.last.load + self.step
+            load = self.size.next(self.last.load, stop)
             state, cause, _ = self.try_at(load)
             if state is not None:
                 self.accept(state)
-                continue
-            self.step = CUT * (load - self.last.load)
-            if self.step < self.settings.least_step:
+            elif self.size.has_failed(load - self.last.load):
                 return f"load factor {load:.6g} of {stop:.6g}: {self.reason(load, cause)}"
         return ""
 
     def try_at(self, load: float) -> Attempt:
-        """Try to find the state at a load from the last two states."""
-        last, before = self.last, self.before
-        guess = last.u
-        if before is not None:
-            guess = last.u + (last.u - before.u) * (load - last.load) / (last.load - before.load)
+        """Try to find the state at a load from the last one."""
+        # From there and not from a guess: a part that bends, moved on straight, changes its volume.
+        u = self.last.u
         # Full steps first: a bent part gets longer before it gets better, which no search lets through.
-        for is_searching in (False, True):
-            attempt = equilibrium(self.equations, guess, last.u, load, self.settings, is_searching)
+        for is_searching in (False,) if self.has_search_lost else (False, True):
+            attempt = equilibrium(self.equations, u, u, load, self.settings, is_searching)
             self.iterations += attempt.iterations
             if attempt.state is not None:
-                break
+                return attempt
+        self.has_search_lost = True
         return attempt
 
     def accept(self, state: EquilibriumState) -> None:
         """Go on from a state in equilibrium."""
-        # A step that was cut to end at a stop does not shorten the next one.
-        self.step = GROWTH * max(self.step, state.load - self.last.load)
+        self.size.has_succeeded(state.load - self.last.load)
         self.before, self.last = self.last, state
         self.steps += 1
         if self.progress is not None:

@@ -86,21 +86,23 @@ def assemble(
     elements: Elements,
     scale: tuple[Array, Array],
     pressure: Array,
-    u: Array,
+    at: tuple[Array, Array],
     force: Array,
     into: tuple[Integers, Array],
 ) -> tuple[float, float, int]:
     """Add forces (n, 2) and stiffness; return the energies of material and air, and -1 or a bad element.
 
-    `scale` has kappa and gamma (e,) of the elements; pressure (n,) is that of the nodes; `into`: position
-    (e, 8, 8) says where in `data` the stiffness goes. Without `data` there is none. A bad element has J <= 0
-    in its solid.
+    `scale` has kappa and gamma (e,) of the elements; pressure (n,) is that of the nodes; `at`: u (n, 2)
+    and those before, as in `respond_element`; `into`: position (e, 8, 8) says where in `data` the stiffness
+    goes. Without `data` there is none. A bad element has J <= 0 in its solid.
     """
     law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
     kappa, gamma = scale
     position, data = into
     of, f, K = ElementLaw(law, is_averaged), np.empty(8), np.empty((8, 8))
-    of_cell, scaled, p, work = np.empty((4, 2)), np.empty((4, 2)), np.empty(4), make_work(8)
+    of_cell, scaled, earlier = np.empty((4, 2)), np.empty((4, 2)), np.empty((4, 2))
+    p, work = np.empty(4), make_work(8)
+    u, before = at
     fs, Ks = work.force, work.stiffness
     with_stiffness = data.shape[0] > 0
     stored, by_air = 0.0, 0.0
@@ -113,6 +115,7 @@ def assemble(
             for i in range(2):
                 of_cell[a, i] = u[cells[e, a], i]
                 scaled[a, i] = gamma[e] * u[cells[e, a], i]
+                earlier[a, i] = gamma[e] * before[cells[e, a], i]
         rest = kappa[e] * (1.0 - gamma[e] ** 2)
         for i in range(8):
             f[i] = 0.0
@@ -122,7 +125,7 @@ def assemble(
             stored += 0.5 * f[i] * of_cell[i // 2, i % 2]
         if gamma[e] > 0.0:
             element = ElementShape(slope[k], hoop[k], volume[k])
-            energy = respond_element(of, element, scaled, with_stiffness, work)
+            energy = respond_element(of, element, (scaled, earlier), with_stiffness, work)
             if math.isnan(energy):
                 return stored, by_air, e
             stored += kappa[e] * energy
@@ -179,7 +182,7 @@ def sensitivities(
         work_by_gamma = -2.0 * c * mixed
         if c > 0.0:
             element = ElementShape(slope[k], hoop[k], volume[k])
-            energy += respond_element(of, element, scaled, True, work)
+            energy += respond_element(of, element, (scaled, scaled), True, work)
             for i in range(8):
                 energy_by_gamma += fs[i] * x[i]
                 work_done += c * y[i] * fs[i]

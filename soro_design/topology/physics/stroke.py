@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -12,16 +13,39 @@ from soro_core.errors import ModelError
 from soro_design.fem import Hyperelastic
 from soro_design.fem.elements.material import Material
 from soro_design.fem.solve.linear import factorised
+from soro_design.fem.solve.steps import LoadSteps, shortened
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.energy import Elements, assemble, sensitivities
 from soro_design.topology.physics.filter import interpolation
 from soro_design.topology.physics.grid import Evaluation, Grid, between_free
 
 _NONE = np.empty(0)
-# Unbalanced force over that of the air; most iterations, halvings of one, and the least step of the pressure.
+# Unbalanced force over that of the air; most iterations; the first and the least step of the pressure.
 TOLERANCE = 1e-7
-ROUNDS, SHORTENINGS = 15, 8
-LEAST_STEP = 0.05
+ROUNDS = 15
+FIRST_STEP, LEAST_STEP = 0.25, 0.05
+
+
+class AirBalance(NamedTuple):
+    """Forces of a part with air in it.
+
+    Attributes
+    ----------
+    stored, potential : float
+        Energy of the material, and with that of the air and the springs [J].
+    inverted : int
+        First element with J <= 0 in its solid, or -1; if there is one, nothing else here has a meaning.
+    unbalanced : ndarray, (n, 2)
+        [N], 0 where nodes are held.
+    data : ndarray
+        Entries of the stiffness between free displacements, or none.
+    """
+
+    stored: float
+    potential: float
+    inverted: int
+    unbalanced: Array
+    data: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,14 +126,20 @@ class Stroke:
         tables = (grid.slope, grid.hoop, grid.volume, grid.shape)
         alone = Elements(self.material.law, is_averaged, cells, np.arange(n), *tables, np.zeros((n, 8, 8)))
         data, zero, one = np.zeros(64 * n), np.zeros((4 * n, 2)), np.ones(n)
-        assemble(alone, (one, one), zero[:, 0].copy(), zero, zero.copy(), (position, data))
+        assemble(alone, (one, one), zero[:, 0].copy(), (zero, zero), zero.copy(), (position, data))
         small = data.reshape(n, 8, 8)
         return alone._replace(cells=grid.mesh.cells, kind=grid.kind, small=small)
 
     def balance(
-        self, kappa: Array, gamma: Array, pressure: Array, u: Array, with_stiffness: bool = True
-    ) -> tuple[float, float, int, Array, Array]:
-        """Return stored energy, potential, -1 or a bad element, unbalanced forces (n, 2) and stiffness.
+        self,
+        kappa: Array,
+        gamma: Array,
+        pressure: Array,
+        u: Array,
+        before: Array | None = None,
+        with_stiffness: bool = True,
+    ) -> AirBalance:
+        """Return the forces of the part.
 
         Parameters
         ----------
@@ -119,6 +149,8 @@ class Stroke:
             Of the nodes [Pa].
         u : ndarray, (n, 2)
             Displacements [m].
+        before : ndarray, (n, 2), optional
+            Those of `soro_design.fem.Part.balance`.
         with_stiffness : bool
             Whether to compute entries of the stiffness between free displacements.
         """
@@ -126,7 +158,12 @@ class Stroke:
         data = np.zeros(len(grid.vectors.keys)) if with_stiffness else _NONE
         force = np.zeros_like(u)
         stored, by_air, bad = assemble(
-            self._elements, (kappa, gamma), pressure, u, force, (grid.vectors.cells, data)
+            self._elements,
+            (kappa, gamma),
+            pressure,
+            (u, u if before is None else before),
+            force,
+            (grid.vectors.cells, data),
         )
         force += self.spring * u
         potential = stored + by_air + 0.5 * float((self.spring * u * u).sum())
@@ -135,7 +172,7 @@ class Stroke:
             data[diagonal] += self.spring.ravel()
             data = data[self._entries]
         force[self.is_held] = 0.0
-        return stored, potential, bad, force, data
+        return AirBalance(stored, potential, bad, force, data)
 
     def rest(self, density: Array, penalty: float, pressure: Array, guess: Array) -> PartAtRest:
         """Return where the part rests under the pressures of its nodes.
@@ -161,45 +198,38 @@ class Stroke:
         if found is not None:
             return found
         # From the undeformed part, in steps that adapt.
-        u, load, step = np.zeros_like(guess), 0.0, 0.25
+        u, load, size = np.zeros_like(guess), 0.0, LoadSteps(FIRST_STEP, LEAST_STEP)
         while load < 1.0:
-            trial = min(1.0, load + step)
+            trial = size.next(load, 1.0)
             found, cause = self._newton(kappa, gamma, trial * pressure, u)
-            if found is None:
-                step = 0.5 * (trial - load)
-                if step < LEAST_STEP:
-                    raise ModelError(f"no equilibrium beyond {load:.0%} of the pressure: {cause}", "pressure")
-                continue
-            u, load, step = found.u, trial, 1.5 * step
+            if found is not None:
+                size.has_succeeded(trial - load)
+                u, load = found.u, trial
+            elif size.has_failed(trial - load):
+                raise ModelError(f"no equilibrium beyond {load:.0%} of the pressure: {cause}", "pressure")
         assert found is not None
         return found
 
     def _newton(self, kappa: Array, gamma: Array, pressure: Array, u: Array) -> tuple[PartAtRest | None, str]:
         zero = np.zeros_like(u)
-        scale = float(np.linalg.norm(self.balance(kappa, gamma, pressure, zero, False)[3])) or 1.0
-        stored, _, bad, force, data = self.balance(kappa, gamma, pressure, u)
-        if bad >= 0:
-            return None, self._inversion(bad)
-        size = float(np.linalg.norm(force))
+        balance_at = partial(self.balance, kappa, gamma, pressure)
+        scale = float(np.linalg.norm(balance_at(zero, with_stiffness=False).unbalanced)) or 1.0
+        now = balance_at(u)
         for _ in range(ROUNDS):
-            self._matrix.data = data
+            if now.inverted >= 0:
+                return None, self._inversion(now.inverted)
+            size = float(np.linalg.norm(now.unbalanced))
+            is_met = size <= TOLERANCE * scale
+            # That of the state itself, for the derivatives.
+            self._matrix.data = balance_at(u).data if is_met else now.data
             solver = factorised(self._matrix)
             if solver is None:
                 return None, "the stiffness is singular"
-            if size <= TOLERANCE * scale:
-                return PartAtRest(u, stored, size / scale, solver), ""
+            if is_met:
+                return PartAtRest(u, now.stored, size / scale, solver), ""
             step = zero.copy()
-            step.ravel()[self._free] = -solver.solve(force.ravel()[self._free])
-            length = 1.0
-            for _ in range(SHORTENINGS):
-                moved = u + length * step
-                stored, _, bad, force, data = self.balance(kappa, gamma, pressure, moved)
-                if bad < 0:
-                    break
-                length *= 0.5
-            else:
-                return None, self._inversion(bad)
-            u, size = moved, float(np.linalg.norm(force))
+            step.ravel()[self._free] = -solver.solve(now.unbalanced.ravel()[self._free])
+            u, now = shortened(balance_at, u, step)
         return None, f"the residual is {size / scale:.1e} after {ROUNDS} iterations"
 
     def _inversion(self, e: int) -> str:
@@ -236,9 +266,8 @@ class Stroke:
         by_out, by_energy = -(at.stored**-m), m * out * at.stored ** (-m - 1.0)
         # The force of the material alone is the slope of its energy.
         no_air = np.zeros_like(air.at_nodes)
-        inner = self.balance(kappa, gamma, no_air, at.u, False)[3] - np.where(
-            self.is_held, 0.0, self.spring * at.u
-        )
+        alone = self.balance(kappa, gamma, no_air, at.u, with_stiffness=False)
+        inner = alone.unbalanced - np.where(self.is_held, 0.0, self.spring * at.u)
         adjoint = np.zeros(at.u.size)
         right = (by_out * self.output + by_energy * inner).ravel()[self._free]
         adjoint[self._free] = -at.solver.solve(right)

@@ -62,3 +62,45 @@ def close(world, pressure=60e3):
 def grasp(world, t_end=2.0, dt=1e-3, **inputs):
     motions = {"table": lowered, **inputs.pop("motions", {})}
     return simulate_world(world, t_end=t_end, dt=dt, pressures=close(world), motions=motions, **inputs)
+
+
+# Radius of the beams [m], and the gap with which the upper one begins.
+RADIUS, BETWEEN = 0.01, 1e-4
+
+
+def beam(name, radius=RADIUS, length=0.025, youngs=5e7, viscosity=2e4, chamber=False, **keys):
+    """A straight round rod of eight links, without weight, along x; linear in its strains."""
+    base = load_robot("config/robots/silicone_rod.yaml")
+    link = base.links[0].model_dump(exclude_unset=True)
+    link |= {"length": length, "radius": radius}
+    link["material"] |= {"youngs_modulus": youngs, "shear_modulus": youngs / 3.0, "viscosity": viscosity}
+    link["material"]["shear_correction"] = False
+    if chamber:
+        link["chambers"] = [{"angle_rad": 0.0, "alpha_eps": 0.0, "alpha_kappa": 9e-9}]
+    return base.replace(name=name, gravity=[0.0, 0.0, 0.0], links=[link] * 8, **keys)
+
+
+def crossing_beams(at, reach, viscosity=2e4, **keys):
+    """One along x, one above it along y, which cross at these places along them."""
+    half = float(np.sqrt(0.5))
+    low = beam("low", viscosity=viscosity)
+    high = beam(
+        "high",
+        viscosity=viscosity,
+        base_quaternion=[-half, 0.0, 0.0, half],
+        base_position=[at, -reach, 2.0 * RADIUS + BETWEEN],
+    )
+    arms = {"low": SoftArm(low), "high": SoftArm(high)}
+    return BodyWorld({}, arms, **keys)
+
+
+def lower_beam(depth, pull=0.0):
+    """Motion of the upper base: down within 0.3 s, by the gap and a depth; along x from 0.5 s on."""
+
+    def motion(t):
+        down = (BETWEEN + depth) * (1.0 - np.cos(np.pi * min(t / 0.3, 1.0))) / 2.0
+        along = pull * max(t - 0.5, 0.0)
+        speed = (BETWEEN + depth) * np.pi / 0.6 * np.sin(np.pi * min(t / 0.3, 1.0))
+        return BaseState(displacement=[along, 0.0, -down], velocity=[pull * (t > 0.5), 0.0, -speed])
+
+    return motion

@@ -180,6 +180,18 @@ def test_time_is_extended_until_the_set_points_keep_their_rates():
         planned(LINE, **{**asked, "rate_part": 1.0}, slowest=1.2)
 
 
+@pytest.mark.parametrize("rate", [1e-9, 1e-300])
+def test_a_motion_that_would_last_for_years_is_refused(rate):
+    """Its set points would not fit into the memory; on the path, and on the way to it."""
+    robot = load_robot(find_config("tue_three_bellow", "robots"))
+    keys = {"reference": {"kind": "hold", "bend_rate_rad_s": rate}}
+    control = Controller(robot, parse(keys, ControllerConfig, "test"))
+    for path in (LINE, LINE[:1]):
+        with pytest.raises(MotionError, match=r"rate: got '[\d.e+]+ s for .*at most 50000 s") as caught:
+            finished(control.planner(control.initial_state(), DT).plan(REST, path, None, 0.0))
+        assert caught.value.reason == "rate"
+
+
 def test_the_way_to_the_path_keeps_the_rates_of_set_points():
     control, motion = planned([[0.012, 0.0, HIGH]], speed_m_s=5.0, acceleration_m_s2=500.0, rate_part=0.1)
     supply, (way,) = control.planner(controller()[1], DT).supply, motion.parts

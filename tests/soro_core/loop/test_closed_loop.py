@@ -79,7 +79,7 @@ def test_other_payloads(robot, payload):
 
 @pytest.mark.slow
 def test_a_quicker_circle(robot):
-    record = run(robot, Setup(control=circle(period_s=3.0), duration_s=14.0))
+    record = run(robot, Setup(control=circle(period_s=3.0), duration_s=LEARNT_S))
     report("period 3 s", record)
     assert record.rms() <= 1.8e-3
 

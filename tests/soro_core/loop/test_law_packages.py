@@ -17,8 +17,10 @@ from soro_core.config import parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.laws import ArmBelief, Preview, find_law
 from soro_core.control.reference.trajectory import Hold, Point
+from soro_lab.scene import load_scene
 from tests.law_packages import FOLDERS, paths_of
 from tests.soro_core.loop.loop_harness import Setup, run
+from tests.soro_ros.in_process import tip_error_rms_m
 
 ROBOT = load_robot("tue_three_bellow")
 REST = np.zeros(3)
@@ -69,6 +71,16 @@ def test_a_law_holds_a_set_point_with_a_load_that_it_does_not_know(law, figure, 
     figure(f"{name}: tip RMS of the last second {1e3 * record.rms(1.0):.3f} mm")
     assert record.rms(1.0) < held_m
     assert set(record.statuses) == {""}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FOLDERS)
+def test_a_law_follows_a_circle_with_a_load_that_it_does_not_know(law, figure, name):
+    law(name)
+    scene = load_scene("track_circle", {"mode": "lockstep", "controller.law": name})
+    error_m = tip_error_rms_m(scene, 3.0, 8.0)
+    figure(f"{name}: tip RMS on the circle, 3 to 8 s, {1e3 * error_m:.3f} mm")
+    assert error_m < 0.6e-3
 
 
 def test_shaping_and_damping_are_pressures_at_the_volumes_of_the_chambers(law):

@@ -47,6 +47,7 @@ def above(space, kind, gap=0.02):
         ("plane_strain", "quad8", 1.0),
         ("axisymmetric", "quad4", np.pi),
         ("solid", "hex8", 1.0),
+        ("solid", "tet10", 1.0),
     ],
 )
 def test_a_block_pressed_on_a_floor_is_carried_by_it(space, kind, area, figure):
@@ -76,7 +77,8 @@ def test_a_block_pressed_on_a_floor_is_carried_by_it(space, kind, area, figure):
 
 
 @pytest.mark.parametrize(
-    ("space", "kind"), [("plane_strain", "quad8"), ("axisymmetric", "quad4"), ("solid", "hex8")]
+    ("space", "kind"),
+    [("plane_strain", "quad8"), ("axisymmetric", "quad4"), ("solid", "hex8"), ("solid", "tet10")],
 )
 def test_forces_and_stiffness_of_the_barrier_are_derivatives(space, kind):
     mesh = above(space, kind)

@@ -9,6 +9,7 @@ from soro_design.fem.meshes.blocks import block
 from soro_design.fem.part import make_part
 from soro_design.fem.solve import linear
 from soro_design.fem.solve.linear import factorised
+from soro_design.fem.solve.multigrid import conjugate_gradients, rigid_motions
 from soro_design.fem.solve.newton import solve
 from tests.soro_design.fem.moving_parts import SOFT
 
@@ -69,3 +70,83 @@ def test_a_small_part_and_a_section_do_without_pardiso(monkeypatch):
     assert solve(part).status == "solved"
     with pytest.raises(AssertionError):
         solve(solid())
+
+
+@pytest.fixture
+def multigrid(monkeypatch):
+    pytest.importorskip("pyamg", reason="needs the extra multigrid: pip install 'soro[multigrid]'")
+    monkeypatch.setattr(linear, "LARGE", 0)
+    monkeypatch.setattr(linear, "MANY", 10**9)
+    used = []
+    first = linear.Multigrid.solve
+    monkeypatch.setattr(linear.Multigrid, "solve", lambda self, right: used.append(1) or first(self, right))
+    return used
+
+
+def large(is_patch):
+    """A block of 6 x 6 x 9 elements, more than the coarsest level has; pressed on top or pulled."""
+    mesh = block("hex8", "solid", (6, 6, 9), (1.0, 1.0, 1.5))
+    loads = no_loads(mesh)
+    for k in range(3):
+        loads = loads.hold(mesh.points[:, 2] == 0.0, k)
+    top = mesh.faces_at(mesh.points[:, 2] == 1.5)
+    loads = loads.press(top, 5e3, is_patch=True) if is_patch else loads
+    return make_part(mesh, SOFT, loads.pull(traction(mesh, top, [4e3, 0.0, 2e3])))
+
+
+@pytest.mark.parametrize("is_patch", [False, True])
+def test_multigrid_solves_the_same(is_patch, multigrid, monkeypatch):
+    """By conjugate gradients and, under a pressure on an open surface, by GMRES."""
+    from soro_design.fem.solve import multigrid as iterations
+
+    by_gmres = []
+    first = iterations.gmres
+    monkeypatch.setattr(iterations, "gmres", lambda *a, **k: by_gmres.append(1) or first(*a, **k))
+    with_it = solve(large(is_patch))
+    assert multigrid
+    assert bool(by_gmres) == is_patch
+    monkeypatch.setattr(linear, "LARGE", 10**9)
+    without = solve(large(is_patch))
+    assert (with_it.status, without.status) == ("solved", "solved")
+    off = np.abs(with_it.last.u - without.last.u).max() / np.abs(without.last.u).max()
+    assert off < 1e-6
+    assert with_it.iterations <= without.iterations + 1
+
+
+def test_multigrid_sees_a_part_that_nothing_holds(multigrid):
+    done = solve(solid(is_held=False))
+    assert (done.status, done.iterations) == ("stopped", 0)
+    assert "hold" in done.cause
+
+
+def test_conjugate_gradients_stop_where_a_matrix_is_not_positive():
+    right = np.array([1.0, 2.0, 3.0])
+    diagonal = np.array([1.0, 4.0, 9.0])
+
+    def same(x):
+        return x
+
+    found = conjugate_gradients(lambda x: diagonal * x, same, right, 1e-12, 10)
+    np.testing.assert_allclose(found, right / diagonal)
+    assert conjugate_gradients(lambda x: [1.0, -4.0, 9.0] * x, same, right, 1e-12, 10) is None
+    assert conjugate_gradients(lambda x: diagonal * x, same, right, 1e-12, 2) is None
+
+
+def test_rigid_motions_need_no_force_of_a_free_part():
+    mesh = block("hex8", "solid", (2, 2, 3), (1.0, 1.0, 1.5))
+    K = make_part(mesh, SOFT, no_loads(mesh)).stiffness(np.zeros_like(mesh.points), 0.0)
+    held = np.zeros(mesh.points.shape, dtype=bool)
+    motions = rigid_motions(mesh.points, held)
+    assert np.linalg.matrix_rank(motions) == 6
+    assert np.abs(K @ motions).max() < 1e-12 * abs(K).max()
+    held[0] = True
+    assert not rigid_motions(mesh.points, held)[:3].any()
+
+
+def test_a_large_solid_without_another_package_is_told_of_one(monkeypatch, caplog):
+    monkeypatch.setattr(linear, "LARGE", 0)
+    monkeypatch.setattr(linear, "find_spec", lambda name: None)
+    linear._advise.cache_clear()
+    assert solve(solid()).status == "solved"
+    (line,) = caplog.messages
+    assert "pip install 'soro[multigrid]'" in line

@@ -9,7 +9,7 @@ from soro_design.fem.elements.mesh import make_mesh, volume_scale
 from soro_design.fem.meshes.blocks import block, grid, revolved_tube, sphere, tube
 from tests.refused import fails
 
-KINDS = [*SOLIDS, "line2", "line3"]
+KINDS = [*SOLIDS, "line2", "line3", "tri6"]
 
 
 def volume(mesh):
@@ -58,7 +58,7 @@ def test_a_block_has_its_volume_inside_and_around(kind):
     assert volume(mesh) == pytest.approx(np.prod(size))
     assert flux(mesh) == pytest.approx(d * np.prod(size))
     n_faces = 2 * sum(int(np.prod(counts)) // count for count in counts)
-    assert len(mesh.boundary()) == n_faces
+    assert len(mesh.boundary()) == n_faces * (2 if kind == "tet10" else 1)
 
 
 def test_volumes_of_round_parts():
@@ -126,6 +126,11 @@ POINTS, CELLS = grid("quad4", (2, 2))
 def test_what_is_refused(arguments, key):
     with fails(ModelError, key=key):
         make_mesh(*arguments)
+
+
+def test_a_tetrahedron_of_four_nodes_says_why():
+    with fails(ModelError, "locks", "tet10", key="kind"):
+        make_mesh("tet4", "solid", POINTS, CELLS)
 
 
 def test_a_mesh_is_frozen():

@@ -1,4 +1,4 @@
-"""Meshes of files: there and back by meshio, triangles and tetrahedra split, STEP by netgen."""
+"""Meshes of files: there and back by meshio, triangles and tetrahedra refined, STEP and STL by netgen."""
 
 import sys
 from pathlib import Path
@@ -11,11 +11,14 @@ from soro_core.extras import MissingPackageError
 from soro_design.fem.elements.mesh import make_mesh
 from soro_design.fem.loads import no_loads, traction
 from soro_design.fem.meshes.blocks import block, tube
-from soro_design.fem.meshes.mesh_files import mesh_step, read_mesh, split, write_mesh
+from soro_design.fem.meshes.cavities import inner_surfaces
+from soro_design.fem.meshes.mesh_files import mesh_step, mesh_stl, read_mesh, refined, write_mesh
+from soro_design.fem.meshes.stl import write_stl
 from soro_design.fem.meshes.surface import is_closed, solid_surface, volume
 from soro_design.fem.part import make_part
 from soro_design.fem.solve.newton import solve
 from tests.refused import fails
+from tests.soro_design.fem.hollow import CAVITIES, COUNTS, SIZE, without
 from tests.soro_design.fem.moving_parts import SOFT
 
 CASES = Path(__file__).parents[4] / "shared/data/outside_cases/mesh_named_wrongly"
@@ -50,9 +53,9 @@ def meshio():
 
 
 @pytest.mark.parametrize("ending", ["msh", "vtk"])
-@pytest.mark.parametrize("kind", ["quad4", "quad8", "hex8", "hex20"])
+@pytest.mark.parametrize("kind", ["quad4", "quad8", "hex8", "hex20", "tet10"])
 def test_a_mesh_is_there_and_back(meshio, kind, ending, tmp_path):
-    d = 3 if kind.startswith("hex") else 2
+    d = 2 if kind.startswith("quad") else 3
     space = "solid" if d == 3 else "plane_strain"
     mesh = tube(kind, (1, 3, 2)[:d], (1.0, 2.0))
     path = tmp_path / f"part.{ending}"
@@ -81,11 +84,11 @@ def cube_of_tetrahedra(n):
     return grid.points, np.concatenate([grid.cells[:, one] for one in paths])
 
 
-def test_tetrahedra_become_hexahedra_of_the_same_solid(meshio, tmp_path):
+def test_tetrahedra_get_nodes_in_the_middles_of_edges(meshio, tmp_path):
     points, tetrahedra = cube_of_tetrahedra(2)
     meshio.Mesh(points, [("tetra", tetrahedra)]).write(tmp_path / "cube.vtk")
     mesh = read_mesh(tmp_path / "cube.vtk", "solid").mesh
-    assert (mesh.kind, len(mesh.cells)) == ("hex8", 4 * len(tetrahedra))
+    assert (mesh.kind, len(mesh.cells)) == ("tet10", len(tetrahedra))
     surface = solid_surface(mesh)
     assert is_closed(surface[1])
     assert volume(*surface) == pytest.approx(1.0, rel=1e-12)
@@ -96,7 +99,7 @@ def test_split_meshes_keep_a_uniform_strain_and_bend_little_stiffer(figure):
     found = {}
     grid = block("quad4", "plane_strain", (16, 2), (8.0, 1.0))
     halves = np.concatenate([grid.cells[:, [0, 1, 2]], grid.cells[:, [0, 2, 3]]])
-    points, cells, _ = split(grid.points, halves)
+    points, cells, _ = refined(grid.points, halves)
     for name, mesh in {
         "grid": block("quad8", "plane_strain", (32, 4), (8.0, 1.0)),
         "split": make_mesh("quad4", "plane_strain", points, cells),
@@ -129,6 +132,23 @@ def test_a_step_file_is_meshed_and_solved(tmp_path):
     (tmp_path / "bad.step").write_text("no solid")
     with fails(ModelError, "bad.step", key="path"):
         mesh_step(tmp_path / "bad.step", 6e-3)
+
+
+def test_an_stl_file_is_meshed(tmp_path):
+    """A block with two cavities: its surface, turned outwards and inwards, encloses the same solid."""
+    pytest.importorskip("netgen.stl", reason="needs the extra mesh: pip install 'soro[mesh]'")
+    solid = without("hex8", SIZE, COUNTS, CAVITIES)
+    path = tmp_path / "hollow.stl"
+    points, triangles = solid_surface(solid)
+    write_stl(path, points, triangles)
+    mesh = mesh_stl(path, 12e-3)
+    assert mesh.kind == "tet10"
+    assert volume(*solid_surface(mesh)) == pytest.approx(84e-6, rel=1e-6)
+    assert [one.volume for one in inner_surfaces(mesh)] == pytest.approx([8e-6, 4e-6], rel=1e-6)
+    for wrong, words in ((triangles[1:], "open"), (triangles[:, ::-1], "inside out")):
+        write_stl(path, points, wrong)
+        with fails(ModelError, words, "hollow.stl", key="path"):
+            mesh_stl(path, 12e-3)
 
 
 def test_what_is_refused(meshio, tmp_path):
@@ -346,13 +366,14 @@ def test_outside_cases(meshio, name):
 
 
 def test_files_without_their_packages_are_one_line(monkeypatch, tmp_path):
-    for name in ("meshio", "netgen", "netgen.occ"):
+    for name in ("meshio", "netgen", "netgen.occ", "netgen.stl"):
         monkeypatch.setitem(sys.modules, name, None)
     mesh = block("quad4", "plane_strain", (1, 1), (1.0, 1.0))
-    for extra, call in {
-        "design": lambda: read_mesh(tmp_path / "a.msh", "solid"),
-        "mesh": lambda: mesh_step(tmp_path / "a.step", 1.0),
-    }.items():
+    for extra, call in (
+        ("design", lambda: read_mesh(tmp_path / "a.msh", "solid")),
+        ("mesh", lambda: mesh_step(tmp_path / "a.step", 1.0)),
+        ("mesh", lambda: mesh_stl(tmp_path / "a.stl", 1.0)),
+    ):
         with fails(MissingPackageError, f"'soro[{extra}]'"):
             call()
     with fails(MissingPackageError, "'soro[design]'"):

@@ -1,13 +1,18 @@
 """Part files with a mesh of their own: as a kind of ours, groups, STEP, tendons, contact."""
 
+import sys
+import xml.etree.ElementTree as ET
+from importlib.util import find_spec
+
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from soro_core.extras import MissingPackageError
 from soro_design.fem import EquilibriumState
 from soro_design.fem.meshes.mesh_files import read_mesh
-from soro_design.fem.meshes.stl import read_stl
-from soro_design.fem.meshes.surface import volume
+from soro_design.fem.meshes.stl import read_stl, write_stl
+from soro_design.fem.meshes.surface import pieces, solid_surface, volume
 from soro_design.parts.file import load_part, material_of
 from soro_design.parts.picture import obstacle_lines
 from soro_design.parts.specimen import make_specimen
@@ -15,8 +20,9 @@ from soro_design.parts.step import write_step
 from soro_design.parts.sweeps import follow
 from soro_design.parts.tendons import route
 from soro_ros.cli import application
-from tests.refused import refused
-from tests.soro_design.fem.mesh_parts import BEAM_MESH, BEAM_PART, TUBE_PART, meshes
+from tests.refused import fails, refused
+from tests.soro_design.fem.hollow import CAVITIES, COUNTS, SIZE, without
+from tests.soro_design.fem.mesh_parts import BEAM_MESH, BEAM_PART, BLOWN, TUBE_PART, meshes
 from tests.soro_design.fem.small_parts import ROD, TUBE, written
 from tests.soro_design.fem.test_fem_mesh_files import MSH
 
@@ -86,11 +92,31 @@ def test_a_step_file_becomes_a_part(tmp_path):
         "held": [{"region": "base", "directions": "z"}, {"region": "inside", "directions": "xy"}],
     }  # fmt: skip
     specimen, state = last(tmp_path, BEAM_PART, geometry=geometry)
-    assert specimen.part.mesh.kind == "hex8"
+    assert specimen.part.mesh.kind == "tet10"
     strain = specimen.measured(state)["mean_z_m"] / 0.02
     # Held at its inner radius it is stiffer than free, by less than 4/3 of plane strain.
     free = 0.1 / (E * np.pi * (0.008**2 - 0.004**2))
     assert 0.75 * free < strain < free
+
+
+def test_an_stl_file_becomes_a_part_with_its_cavities(tmp_path, monkeypatch):
+    """Meshed where netgen is installed, else refused with the command that installs it."""
+    path = tmp_path / "hollow.stl"
+    write_stl(path, *solid_surface(without("hex8", SIZE, COUNTS, CAVITIES)))
+    geometry = {
+        **BEAM_MESH, "file": "hollow.stl", "largest_m": 12e-3, "unit_m": 1e-3,
+        "regions": {"base": {"x_m": [0.0, 0.0]}, "end": {"x_m": [0.06, 0.06]}, "air": {"inner_surface": 2}},
+        "pressed": [{"region": "air"}],
+    }  # fmt: skip
+    if find_spec("netgen"):
+        specimen, state = last(tmp_path, BEAM_PART, geometry=geometry, sweeps=[BLOWN])
+        faces, _ = specimen.pressed[0]
+        assert volume(specimen.part.mesh.points, pieces(faces)) == pytest.approx(-4e-6, rel=1e-6)
+        assert specimen.measured(state)["farthest_m"] > 1e-5
+    for name in ("netgen", "netgen.stl"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with fails(MissingPackageError, "pip install 'soro[mesh]'"):
+        make_specimen(load_part(written(tmp_path, BEAM_PART, geometry=geometry, sweeps=[BLOWN])))
 
 
 def test_a_tendon_beside_the_axis_bends_a_beam(tmp_path, figure):
@@ -203,6 +229,10 @@ def test_a_run_of_a_mesh_leaves_a_table_and_pictures(tmp_path, part):
         assert (tmp_path / "run" / name).stat().st_size > 1000
     for field in ("displacement", "von_mises_pa", "stretch"):
         assert f'Name="{field}"' in next((tmp_path / "run").glob("*.vtu")).read_text()
+    (series,) = (tmp_path / "run").glob("*.pvd")
+    (state,) = ET.parse(series).getroot().find("Collection")
+    assert float(state.get("timestep")) == 1.0
+    assert (tmp_path / "run" / state.get("file")).is_file()
     head, row = (tmp_path / "run" / "table.csv").read_text().splitlines()
     named = dict(zip(head.split(","), row.split(","), strict=True))
     load = {"pressure_0_pa": 1e3} if part is TUBE_PART else {"force_z_n": 0.1}

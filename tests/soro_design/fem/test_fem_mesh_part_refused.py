@@ -61,13 +61,15 @@ def test_regions(tmp_path, top, key, names):
     [
         ({"file": "tube.vtu"}, "file", ("hexahedron",)),
         ({"file": "part.step"}, "largest_m", ()),
+        ({"file": "part.stl"}, "largest_m", ("STL",)),
         ({"file": "part.step", "largest_m": 1e-3, "space": "axisymmetric"}, "space", ("solid",)),
         ({"pressed": [{"region": "side"}]}, "pressed[0]", ("is_open",)),
         ({"regions": {**BEAM_MESH["regions"], "end": NARROW}}, "forced", ("face",)),
     ],
 )
 def test_solids(tmp_path, changes, key, names):
-    (tmp_path / "part.step").write_text("no solid")
+    for ending in ("step", "stl"):
+        (tmp_path / f"part.{ending}").write_text("no solid")
     check(tmp_path, BEAM_PART, f"geometry.{key}", names, geometry={**BEAM_MESH, **changes})
 
 

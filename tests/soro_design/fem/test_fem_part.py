@@ -25,6 +25,7 @@ MESHES = {
     "disc8": block("quad8", "axisymmetric", (2, 1), (1.0, 1.0)),
     "hex8": block("hex8", "solid", (2, 1, 1), (1.0, 1.0, 1.2)),
     "hex20": block("hex20", "solid", (1, 1, 1), (1.0, 1.0, 1.2)),
+    "tet10": block("tet10", "solid", (1, 1, 1), (1.0, 1.0, 1.2)),
 }
 
 

@@ -17,9 +17,10 @@ TUBES = {
     "ring8": revolved_tube("quad8", (1, 2), (1.0, 2.0), 3.0),
     "hex8": tube("hex8", (1, 3, 2), (1.0, 2.0), 3.0),
     "hex20": tube("hex20", (1, 2, 1), (1.0, 2.0), 3.0),
+    "tet10": tube("tet10", (1, 2, 1), (1.0, 2.0), 3.0),
 }
 # Along which directions the ends of the bore lie in planes of symmetry.
-ENDS = {"quad4": (0, 1), "ring8": (1,), "hex8": (0, 1, 2), "hex20": (0, 1, 2)}
+ENDS = {"quad4": (0, 1), "ring8": (1,), "hex8": (0, 1, 2), "hex20": (0, 1, 2), "tet10": (0, 1, 2)}
 
 
 def bore(name):

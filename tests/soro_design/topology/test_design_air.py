@@ -94,7 +94,7 @@ def test_air_in_void_alone_loads_no_node_inside():
     u = 1e-4 * rng.uniform(-1.0, 1.0, grid.mesh.points.shape)
     n = len(grid.kind)
     p = np.full(len(u), 5e3)
-    with_air, without = (found.balance(np.full(n, 1e-6), np.zeros(n), q, u, False)[3] for q in (p, 0.0 * p))
+    with_air, without = (found.balance(np.full(n, 1e-6), np.zeros(n), q, u).unbalanced for q in (p, 0.0 * p))
     size = grid.mesh.points.max(axis=0)
     is_inside = ((grid.mesh.points > 0.0) & (grid.mesh.points < size)).all(axis=1)
     load = with_air - without

@@ -1,7 +1,9 @@
 """`soro identify-fem` from a coarse part to a robot file, a report and an exit status."""
 
+import csv
 import json
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ import typer
 import yaml
 from typer.testing import CliRunner
 
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
 from soro_core.twin import Twin
@@ -18,6 +21,9 @@ from soro_design.robot_of_part import joint
 from soro_lab.identification.fit import fit
 from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
+from soro_ros.recordings.report import summarise
+from soro_ros.recordings.verdict import judge
+from soro_ros.study.closed_loop import run_in_process
 from tests.soro_design.fem.small_parts import ROD, TUBE, written
 
 app = typer.Typer()
@@ -59,11 +65,60 @@ def test_a_part_becomes_a_robot_file_that_moves_like_it(made):
     # 3 eta A L, of the area of rubber.
     assert link.damping[0] == pytest.approx(3.0 * 100.0 * 3.016e-4 * 0.06, rel=1e-3)
     assert link.mass == pytest.approx(1.9e-2, rel=0.01)
-    found = re.search(r"greatest ([\d.]+) fitted, mean [\d.]+, greatest ([\d.]+) held", done.output)
+    found = re.search(r"length: .*greatest ([\d.]+) fitted, mean [\d.]+, greatest ([\d.]+) held", done.output)
     fitted, held_out = found.groups()
     assert 0.0 < float(fitted) < 1.0
     assert 0.0 < float(held_out) < 1.0
     assert "Mesh: " in done.output
+    # What it asks of its material stands in the file too.
+    assert re.search(r"# Greatest stretch of an element: 1\.\d+ in sweep (all|one|pull); ", out.read_text())
+
+
+@pytest.mark.slow
+def test_its_scene_runs_good_as_it_is_written(made):
+    """No pressure of the end is at a bound: the reference is within reach of the sweeps."""
+    _, _, out, _ = made
+    scene = load_scene(out.with_name("arm_scene.yaml"))
+    assert (scene.mode, scene.loaded_robot.name) == ("lockstep", "arm")
+    assert scene.controller.reference.kind == "circle"
+    short = with_changes(scene, duration_s=8.0)
+    recording, end = run_in_process(short)
+    summary = summarise(recording, short)
+    assert str(judge(summary, short, end, recording)) == "good"
+    assert summary.saturated_last_part == 0.0
+    assert 15e3 > summary.pressure_max_pa > 7.5e3
+
+
+def test_errors_are_told_over_the_motion_too(made):
+    """That of the one held-out state, whose tip the table of the sweeps has."""
+    folder, _, _, done = made
+    content = json.loads((folder / "report" / "report.json").read_text(encoding="utf-8"))
+    with (folder / "arm_fem" / "table.csv").open(encoding="utf-8") as stream:
+        row = next(row for row in csv.DictReader(stream) if row["sweep"] == "mixed")
+    motion = np.linalg.norm([float(row[f"tip_{axis}_m"]) for axis in "xyz"] - np.array([0.0, 0.0, 0.06]))
+    error = content["errors"]["held_out"]
+    assert error["most_of_motion"] == pytest.approx(error["most"] * 0.06 / motion, rel=1e-6)
+    assert f"{100.0 * error['most_of_motion']:.2f} held out" in done.output.split("its motion")[1]
+    mesh, page = content["mesh"], (folder / "report" / "index.html").read_text(encoding="utf-8")
+    assert mesh["of_motion"] == pytest.approx(mesh["error"] / mesh["motion"], rel=1e-9)
+    # The verdict of the page has all four.
+    for share in (error["most"], error["most_of_motion"], mesh["error"], mesh["of_motion"]):
+        assert f"{100.0 * share:.2g} %" in page
+
+
+@pytest.mark.slow
+def test_the_mesh_counts_in_the_verdict(made, tmp_path):
+    """A limit between the error of the link and that with the mesh."""
+    folder, part, _, _ = made
+    content = json.loads((folder / "report" / "report.json").read_text(encoding="utf-8"))
+    limit = 100.0 * (content["errors"]["held_out"]["most"] + 0.5 * content["mesh"]["error"])
+    call_ = ("identify-fem", part, "--run", folder / "arm_fem", "--accept", limit)
+    without = call(*call_, "--out", tmp_path / "a.yaml", "--no-mesh-check")
+    checked = call(*call_, "--out", tmp_path / "b.yaml")
+    assert (without.exit_code, checked.exit_code) == (0, 1)
+    assert "the mesh by some" in checked.output.split("not accepted")[1]
+    assert (tmp_path / "a_scene.yaml").is_file()
+    assert not (tmp_path / "b_scene.yaml").exists()
 
 
 @pytest.mark.slow
@@ -116,6 +171,9 @@ def test_what_exists_is_refused_and_a_run_is_used_again(made, tmp_path):
     again = call("identify-fem", part, "--out", out, *old)
     assert isinstance(again.exception, ConfigError)
     assert again.exception.key == "--out"
+    shutil.copy(out.with_name("arm_scene.yaml"), tmp_path / "new_scene.yaml")
+    again = call("identify-fem", part, "--out", tmp_path / "new.yaml", *old)
+    assert "new_scene.yaml" in str(again.exception)
     text = out.read_text(encoding="utf-8")
     strict = call("identify-fem", part, "--out", out, *old, "--force", "--accept", 0.0)
     assert strict.exit_code == 1

@@ -11,11 +11,12 @@ from soro_core import SoftArm, load_robot
 from soro_core.adaptation.modes import first_mode
 from soro_core.control.reference_feasibility import check_reach
 from soro_core.model.equilibrium.statics import equilibrium
+from soro_core.robot import robot_from_dict
 from soro_hardware import load_platform
 from soro_lab.scaffold import ScaffoldOptions, files, new_arm, write_arm
 from soro_lab.scaffold.estimate import STRETCH
 from soro_lab.scaffold.files import scalar
-from soro_lab.scaffold.reference import LINK_BEND, LONGEST
+from soro_lab.scaffold.reference import LINK_BEND, LONGEST, first_reference
 from soro_lab.scaffold.robot_file import DAMPING
 from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
@@ -285,3 +286,17 @@ def test_an_arm_that_falls_over_is_said_so(tmp_path):
     assert len(write_arm(new_arm(soft), tmp_path).warnings) == 1
     stiff = ScaffoldOptions("stiff", length="200mm", radius="10mm", bending_stiffness="0.5Nm/rad")
     assert write_arm(new_arm(stiff), tmp_path).warnings == ()
+
+
+def test_an_arm_with_several_modes_gets_a_resting_place(written):
+    """Its chambers do not drive the slopes of its strains, so that it gets no circle."""
+    fields = {name: {"basis": "legendre", "order": 1} for name in ("elongation", "bending_x", "bending_y")}
+    robot = load_robot(written["one"].robot)
+    link = robot.links[0].model_dump(mode="json") | {"strains": fields, "damping": [1e-3] * 6}
+    bent = robot_from_dict({**robot.model_dump(mode="json"), "links": [link]})
+    reference = first_reference(bent)
+    assert reference.kind == "set_point"
+    q = np.array(reference.set_point)
+    assert q.shape == (6,)
+    assert np.abs(q[2:4]).max() > 0.1
+    assert abs(q[4]) < 1e-6

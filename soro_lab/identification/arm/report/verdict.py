@@ -81,15 +81,7 @@ def in_words(size: float, unit: str) -> str:
 
 
 def sentence(found: ArmIdentification, accept: float, unphysical: Sequence[Unphysical]) -> str:
-    """Return the verdict: accepted or not, and the error that counts.
-
-    Parameters
-    ----------
-    found : ArmIdentification
-    accept : float
-        Largest RMS error, in ranges moved.
-    unphysical : sequence of Unphysical
-    """
+    """Return the verdict: accepted or not, and the error that counts; parameters as in `is_accepted`."""
     begin = "accepted" if is_accepted(found, accept, unphysical) else "not accepted"
     if found.interrupted:
         begin = "interrupted: these are the best numbers so far, and their own error is not known"

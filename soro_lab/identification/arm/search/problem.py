@@ -152,15 +152,7 @@ class Problem:
         return self.differences(self.predict(values), values)
 
     def rows(self, does: Shown, values: Mapping[str, float]) -> Array:
-        """Return all differences in expected errors, one long row.
-
-        Parameters
-        ----------
-        does : list of lists of arrays
-            Of `predict`.
-        values : mapping of str to float
-            Numbers of the frames.
-        """
+        """Return all differences in expected errors, one long row; parameters as in `differences`."""
         parts = [
             (d / self.expected[shape.name]).ravel()
             for case, own in zip(self.cases, self.differences(does, values), strict=True)

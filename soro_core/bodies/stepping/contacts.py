@@ -1,0 +1,143 @@
+"""Contacts of a step: one is opened at a place, gets its two sides, and stays if it may close."""
+
+from __future__ import annotations
+
+import math
+
+from soro_core._jit import inner
+from soro_core.arrays import Array
+from soro_core.bodies.stepping.records import (
+    ALONG,
+    HERE,
+    MOST_CONTACTS,
+    OUT,
+    TOWARDS,
+    ArmTables,
+    WorldTables,
+)
+from soro_core.bodies.stepping.vectors import cross, dot, subtract, turn
+
+# Gap [m] below which a contact is solved for, beside what the motion of a step closes.
+NEAR = 2e-4
+
+
+@inner
+def _tangents(frame: Array) -> None:
+    """Fill frame[1], frame[2] with directions across frame[0]."""
+    n = frame[0]
+    least = 0
+    for r in range(1, 3):
+        if abs(n[r]) < abs(n[least]):
+            least = r
+    square = math.sqrt(1.0 - n[least] * n[least])
+    for r in range(3):
+        frame[1, r] = ((1.0 if r == least else 0.0) - n[least] * n[r]) / square
+    cross(n, frame[1], frame[2])
+
+
+@inner
+def open_contact(w: WorldTables, key: int, radius: float, gap: float) -> int:
+    """Write a contact at w.points[HERE], `radius` below the surface of the first side, behind the last."""
+    k = w.contacts
+    c = int(k.counts[0])
+    if c == MOST_CONTACTS:
+        return c
+    out, x = w.points[OUT], w.points[HERE]
+    k.key[c], k.gap[c] = key, gap
+    for r in range(3):
+        k.frame[c, 0, r] = out[r]
+        k.point[c, r] = x[r] - (radius + 0.5 * gap) * out[r]
+        k.given[c, r] = 0.0
+    _tangents(k.frame[c])
+    return c
+
+
+@inner
+def keep_contact(w: WorldTables, c: int, h: float) -> None:
+    """Count contact c if it may close within the step; the speed of its sides decides."""
+    k, v = w.contacts, w.movers.start
+    speed = k.given[c, 0]
+    for side in range(2):
+        if k.mover[c, side] >= 0:
+            row = v[k.mover[c, side]]
+            for j in range(row.shape[0]):
+                speed += k.G[c, side, 0, j] * row[j]
+    if k.gap[c] < NEAR + 2.0 * h * max(-speed, 0.0):
+        k.counts[0] = c + 1
+        k.bias[c] = speed
+
+
+@inner
+def body_side(w: WorldTables, c: int, side: int, b: int) -> None:
+    """Side of contact c at its point of body b."""
+    k, arm = w.contacts, w.points[TOWARDS]
+    sign = 1.0 if side == 0 else -1.0
+    k.side[c, side], k.mover[c, side] = b, w.movers.n_arms + b
+    subtract(k.point[c], w.now.place[b], arm)
+    for i in range(3):
+        G, f = k.G[c, side, i], k.frame[c, i]
+        cross(arm, f, G)
+        for r in range(3):
+            G[r] *= sign
+            G[3 + r] = sign * f[r]
+        for r in range(6, G.shape[0]):
+            G[r] = 0.0
+
+
+@inner
+def arm_side(w: WorldTables, arms: ArmTables, c: int, side: int, i: int, s: int) -> None:
+    """Side of contact c at its part of the piece that begins at section s of arm i.
+
+    Where an arm touches itself, both sides move one mover: the second is added to the first.
+    """
+    k = w.contacts
+    k.side[c, side] = -1 - s
+    at, kept = side, 0.0
+    if side == 1 and k.mover[c, 0] == i:
+        at, kept = 0, 1.0
+        k.mover[c, 1] = -1
+    k.mover[c, at] = i
+    sign = 1.0 if side == 0 else -1.0
+    part, x, frame, G = k.part[c, side], k.point[c], k.frame[c], k.G[c, at]
+    v, turns, arm = w.points[ALONG], w.points[TOWARDS], w.points[HERE]
+    subtract(x, arms.base_place[i], arm)
+    base = arms.base_twist[i]
+    cross(base, arm, v)
+    for r in range(3):
+        k.given[c, r] += sign * (dot(frame[r], v) + dot(frame[r], base[3:]))
+    first, last = arms.p[s], arms.p[s + 1]
+    # The point moves with both sections; between them the curve bends, t (1 - t) / 2 of their relative turn.
+    bow = 0.5 * part * (1.0 - part)
+    n = arms.first_q[i + 1] - arms.first_q[i]
+    for b in range(G.shape[1]):
+        for r in range(3):
+            v[r] = turns[r] = 0.0
+        if b < n:
+            _add_point(w, (arms.R[s], first), arms.columns[s, b], (1.0 - part, -1.0), x)
+            _add_point(w, (arms.R[s + 1], last), arms.columns[s + 1, b], (part, 1.0), x)
+            subtract(last, first, arm)
+            cross(turns, arm, arm)
+            for r in range(3):
+                v[r] += bow * arm[r]
+        for r in range(3):
+            G[r, b] = kept * G[r, b] + sign * dot(frame[r], v)
+
+
+@inner
+def _add_point(
+    w: WorldTables, frame: tuple[Array, Array], V: Array, share: tuple[float, float], x: Array
+) -> None:
+    """Add the motion of x on a section (R, p) with the body twist V.
+
+    w.points[ALONG], [TOWARDS] += the shares of its velocity and of its spin.
+    """
+    R, p = frame
+    v, turns, spin, speed = w.points[ALONG], w.points[TOWARDS], w.points[0], w.points[1]
+    turn(R, V, spin)
+    turn(R, V[3:], speed)
+    arm = w.points[2]
+    subtract(x, p, arm)
+    cross(spin, arm, arm)
+    for r in range(3):
+        v[r] += share[0] * (speed[r] + arm[r])
+        turns[r] += share[1] * spin[r]

@@ -1,0 +1,103 @@
+"""Flat faces: which one carries a corner, how far the corner is from it, and which edges lie on it."""
+
+from __future__ import annotations
+
+import math
+
+from soro_core._jit import inner
+from soro_core.arrays import Array
+from soro_core.bodies.stepping.contacts import NEAR
+from soro_core.bodies.stepping.near import distance
+from soro_core.bodies.stepping.records import BOX, CAPSULE, CYLINDER, HERE, LOCAL, OUT, WorldTables
+
+# A corner this far beside a face [m] still stands on it; an edge this steep, by its sine, does not lie on it.
+_BESIDE, _STEEP = 1e-5, 0.02
+
+
+@inner
+def _extent(w: WorldTables, a: int, R: Array, r: int) -> float:
+    """How far body a reaches from its centre along column r of R [m]."""
+    kind, size, own = w.bodies.kind[a], w.bodies.size[a], w.now.rotation[a]
+    total = 0.0
+    along = abs(own[0, 2] * R[0, r] + own[1, 2] * R[1, r] + own[2, 2] * R[2, r])
+    if kind == BOX:
+        for c in range(3):
+            total += size[c] * abs(own[0, c] * R[0, r] + own[1, c] * R[1, r] + own[2, c] * R[2, r])
+        return float(total)
+    if kind == CAPSULE:
+        return float(size[0] + size[1] * along)
+    return float(size[1] * along + size[0] * math.sqrt(max(1.0 - along * along, 0.0)))
+
+
+@inner
+def face_towards(w: WorldTables, a: int, b: int) -> int:
+    """Face of body b along which it overlaps least with body a: 1 + its axis, signed; 0 if it is not flat."""
+    kind, size, R = w.bodies.kind[b], w.bodies.size[b], w.now.rotation[b]
+    if kind != BOX and kind != CYLINDER:
+        return 0
+    distance(w, b, w.now.place[a])
+    local, face, largest = w.points[LOCAL], 0, -math.inf
+    if kind == CYLINDER:  # round about its axis: a is at most its bounding radius away
+        across = math.sqrt(local[0] * local[0] + local[1] * local[1])
+        largest = across - size[0] - min(_extent(w, a, R, 0), _extent(w, a, R, 1))
+    for r in range(0 if kind == BOX else 2, 3):
+        apart = abs(local[r]) - size[r if kind == BOX else 1] - _extent(w, a, R, r)
+        if apart > largest:
+            largest, face = apart, 1 + r
+    return face if face == 0 or local[face - 1] >= 0.0 else -face
+
+
+@inner
+def _face_gap(w: WorldTables, b: int, face: int, natural: float) -> float:
+    """Gap of the corner in w.points[LOCAL] along a face of body b, with its normal; inf beside the face.
+
+    At the rim of a face the nearest surface of a corner that has sunk in is the side of the body, which would
+    not carry it. What is farther than `NEAR` keeps its `natural` distance.
+    """
+    size, local, out, R = w.bodies.size[b], w.points[LOCAL], w.points[OUT], w.now.rotation[b]
+    r = abs(face) - 1
+    sign = 1.0 if face > 0 else -1.0
+    is_box = w.bodies.kind[b] == BOX
+    above = sign * local[r] - (size[r] if is_box else size[1])
+    if above > NEAR:
+        return natural
+    beside = math.sqrt(local[0] * local[0] + local[1] * local[1]) - size[0]
+    if is_box:
+        one, other = (r + 1) % 3, (r + 2) % 3
+        beside = max(abs(local[one]) - size[one], abs(local[other]) - size[other])
+    if beside > _BESIDE:
+        return math.inf
+    for c in range(3):
+        out[c] = sign * R[c, r]
+    return float(above)
+
+
+@inner
+def corner_gap(w: WorldTables, b: int, face: int, radius: float) -> float:
+    """Gap of the corner in w.points[HERE] from body b, by the face where it has no radius."""
+    natural = distance(w, b, w.points[HERE])
+    return natural - radius if face == 0 or radius > 0.0 else _face_gap(w, b, face, natural)
+
+
+@inner
+def lies_on(w: WorldTables, b: int, face: int, edge: Array, part: Array) -> bool:
+    """Whether an edge lies on a face of box b; part (2,) <- where on the edge."""
+    R, size, centre, first, last = w.now.rotation[b], w.bodies.size[b], w.now.place[b], edge[0], edge[1]
+    part[0], part[1] = 0.0, 1.0
+    length = 0.0
+    for c in range(3):
+        length += (last[c] - first[c]) ** 2
+    for r in range(3):
+        start = along = 0.0
+        for c in range(3):
+            start += R[c, r] * (first[c] - centre[c])
+            along += R[c, r] * (last[c] - first[c])
+        if r == abs(face) - 1:
+            if along * along > _STEEP * _STEEP * length:
+                return False
+        elif abs(along) > 1e-9 * size[r]:
+            one, other = (-size[r] - start) / along, (size[r] - start) / along
+            part[0], part[1] = max(part[0], min(one, other)), min(part[1], max(one, other))
+        elif abs(start) > size[r] + _BESIDE:
+            return False
+    return bool(part[0] < part[1])

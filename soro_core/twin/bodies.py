@@ -1,0 +1,136 @@
+"""The bodies of a scene beside its arms: one tick of all of them, with the pressures of the twins."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from soro_core.arrays import Array
+from soro_core.bodies import BodyWorld, RigidBody, WorldResult, WorldState, WorldStepper
+from soro_core.twin.twin import Twin, TwinState
+
+# Longest step of arms that touch bodies [s].
+STEP_S = 1e-3
+# Time before control begins [s]: bodies with a motion are where it begins.
+_BEFORE_S = -1.0
+
+
+@dataclass(frozen=True)
+class BodyTick:
+    """Bodies and contacts at one tick.
+
+    Attributes
+    ----------
+    state : WorldState
+        At the tick.
+    result : WorldResult or None
+        What has led to it; None at the start.
+    names : tuple of str
+        Of the bodies.
+    """
+
+    state: WorldState
+    result: WorldResult | None
+    names: tuple[str, ...]
+
+    @cached_property
+    def pushes(self) -> dict[tuple[str, str], tuple[Array, Array, float]]:
+        """Force (3,) [N] on the first of two that touch, its torque (3,) about the origin, normal force.
+
+        They are means over the tick: times its length they are the impulses, also those of a hit.
+        """
+        if self.result is None or not len(self.result.contacts.gap):
+            return {}
+        contacts, t = self.result.contacts, self.result.t
+        share = np.diff(t, prepend=t[0]) / (t[-1] - t[0])
+        force = share[contacts.step, None] * contacts.force
+        torque, normal = np.cross(contacts.point, force), (force * contacts.normal).sum(axis=1)
+        sides, pair = np.unique(contacts.side, axis=0, return_inverse=True)
+        sums = np.zeros((len(sides), 7))
+        np.add.at(sums, pair.ravel(), np.column_stack((force, torque, normal)))
+        names = [*self.names, *reversed(list(self.result.world.arms))]  # that of an arm counts from the end
+        return {
+            (names[one], names[other]): (row[:3], row[3:6], float(row[6]))
+            for (one, other), row in zip(sides.tolist(), sums, strict=True)
+        }
+
+    def force(self, name: str) -> Array:
+        """Sum of the contact forces (3,) [N] on a body or an arm."""
+        found = np.zeros(3)
+        for (one, other), (push, _, _) in self.pushes.items():
+            if name in (one, other):
+                found = found + push if name == one else found - push
+        return found
+
+    def wrench(self, name: str, point: Array) -> tuple[Array, Array]:
+        """Contact forces (3,) [N] on a body or an arm in all, and their torque about a point [N m]."""
+        force, torque = self.force(name), np.zeros(3)
+        for (one, other), (_, turn, _) in self.pushes.items():
+            if name in (one, other):
+                torque = torque + turn if name == one else torque - turn
+        return force, torque - np.cross(point, force)
+
+
+class TwinBodies:
+    """Bodies, and the plants of twins that touch them.
+
+    Parameters
+    ----------
+    bodies : mapping of str to RigidBody
+    twins : mapping of str to Twin
+        Of each arm by its name; their `held` is true.
+    states : sequence of TwinState
+        Of the twins at the start.
+
+    Raises
+    ------
+    ModelError
+        If surfaces overlap at the start, or an arm cannot be one of a world.
+    """
+
+    def __init__(
+        self, bodies: Mapping[str, RigidBody], twins: Mapping[str, Twin], states: Sequence[TwinState]
+    ) -> None:
+        self._twins = twins
+        world = BodyWorld(
+            bodies,
+            {name: twin.plant.arm for name, twin in twins.items()},
+            {name: state.arm.q for name, state in zip(twins, states, strict=True)},
+        )
+        step_s = min(STEP_S, *(twin.config.step_s for twin in twins.values()))
+        self._stepper = WorldStepper(world, step_s)
+        self._dt = min(twin.dt for twin in twins.values())
+        self.names = tuple(bodies)
+        """Names of the bodies."""
+        self.now = BodyTick(self._stepper.initial_state(), None, self.names)
+        """Bodies and contacts at the present tick."""
+
+    def move(self, before: Sequence[TwinState], behind: Sequence[TwinState]) -> list[TwinState]:
+        """Move arms and bodies by a tick; return the states of the twins, with their arms there.
+
+        Parameters
+        ----------
+        before, behind : sequence of TwinState
+            Of each twin at the start of the tick, and at its end with its arm where it was: they differ in
+            the air.
+        """
+        arms = {name: state.arm for name, state in zip(self._twins, before, strict=True)}
+        ways = {
+            name: np.stack((start.air.pressure_pa, end.air.pressure_pa))
+            for name, start, end in zip(self._twins, before, behind, strict=True)
+        }
+        t = max(next(iter(self._twins.values())).since(before[0]), _BEFORE_S)
+        result = self._stepper.step(replace(self.now.state, arms=arms), ways, self._dt, t)
+        self.now = BodyTick(WorldState.last_of(result), result, self.names)
+        return [
+            replace(
+                state,
+                arm=self.now.state.arms[name],
+                status=result.status,
+                touched_n=self.now.force(name),
+            )
+            for name, state in zip(self._twins, behind, strict=True)
+        ]

@@ -1,0 +1,116 @@
+"""Linear equations of large solids by iterations: conjugate gradients or GMRES under algebraic multigrid.
+
+The multigrid is smoothed aggregation (Vanek, Mandel and Brezina, Computing 56 (1996) 179-196) of pyamg, which
+keeps the motions of a rigid body, the softest of each part of a solid (docs/adr, 0077).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from scipy.sparse import bsr_array
+from scipy.sparse.linalg import gmres
+
+from soro_core.arrays import Array, Flags
+
+# Greatest residual over the right hand side: the balance of forces decides, each iteration anew.
+TOLERANCE = 1e-5
+# Most iterations of conjugate gradients; most of GMRES, in rounds between restarts.
+ITERATIONS, ROUNDS, RESTART = 300, 4, 60
+# Equations that are solved directly on the coarsest level.
+COARSEST = 400
+Apply = Callable[[Array], Array]
+
+
+class Multigrid:
+    """A sparse matrix of a solid, ready to solve with.
+
+    Parameters
+    ----------
+    matrix : sparse array, (n, n)
+        Three displacements a node.
+    motions : ndarray, (n, 6)
+        Of `rigid_motions`.
+    is_symmetric : bool
+        Whether it is.
+    """
+
+    def __init__(self, matrix: Any, motions: Array, is_symmetric: bool) -> None:
+        from pyamg import smoothed_aggregation_solver
+
+        self._matrix = bsr_array(matrix, blocksize=(3, 3))
+        self._is_symmetric = is_symmetric
+        even = self._matrix if is_symmetric else bsr_array((matrix + matrix.T) / 2.0, blocksize=(3, 3))
+        levels = smoothed_aggregation_solver(
+            even, B=motions, symmetry="symmetric", improve_candidates=None, max_coarse=COARSEST
+        )
+        self._cycle = levels.aspreconditioner()
+
+    def solve(self, right: Array) -> Array:
+        """Return the solution (n,) for a right hand side (n,), NaN where iterations do not find it."""
+        found = None
+        if self._is_symmetric:
+            found = conjugate_gradients(self._matrix.dot, self._cycle.matvec, right, TOLERANCE, ITERATIONS)
+        if found is None:
+            found, failed = gmres(
+                self._matrix, right, rtol=TOLERANCE, restart=RESTART, maxiter=ROUNDS, M=self._cycle
+            )
+            if failed:
+                return np.full_like(right, np.nan)
+        return np.asarray(found)
+
+
+def conjugate_gradients(
+    matrix: Apply, inverse: Apply, right: Array, tolerance: float, most: int
+) -> Array | None:
+    """Return the solution of a symmetric system, or None where the matrix is not positive, or it takes long.
+
+    Parameters
+    ----------
+    matrix, inverse : callable
+        Products with the matrix, and with something near its inverse, symmetric and positive.
+    right : ndarray, (n,)
+        Right hand side.
+    tolerance : float
+        Greatest residual over the right hand side, as norms.
+    most : int
+        Most iterations.
+    """
+    found, residual = np.zeros_like(right), right.copy()
+    enough = tolerance * float(np.linalg.norm(right))
+    way, last = np.zeros_like(right), 1.0
+    for _ in range(most):
+        if float(np.linalg.norm(residual)) <= enough:
+            return found
+        near = inverse(residual)
+        now = float(residual @ near)
+        way = near + now / last * way
+        image = matrix(way)
+        curvature = float(way @ image)
+        if not (now > 0.0 and curvature > 0.0):
+            return None
+        length, last = now / curvature, now
+        found += length * way
+        residual -= length * image
+    return None
+
+
+def rigid_motions(places: Array, is_held: Flags) -> Array:
+    """Return motions (3 n, 6) of nodes at places (n, 3) [m], as of a rigid body where nodes are not held.
+
+    Parameters
+    ----------
+    places : ndarray, (n, 3)
+        Of the nodes [m].
+    is_held : ndarray of bool, (n, 3)
+        Directions in which nodes do not move.
+    """
+    arm = places - places.mean(axis=0)
+    arm = arm / np.abs(arm).max()
+    motions = np.empty((*places.shape, 6))
+    motions[:, :, :3] = np.eye(3)
+    motions[:, :, 3:] = np.cross(np.eye(3)[None], arm[:, None]).transpose(0, 2, 1)
+    motions[is_held] = 0.0
+    return motions.reshape(-1, 6)

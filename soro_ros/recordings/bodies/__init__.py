@@ -1,0 +1,1 @@
+"""The bodies of a recorded run: where they were, and their figures."""

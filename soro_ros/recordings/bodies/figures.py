@@ -1,0 +1,130 @@
+"""Figures of the bodies of a run: what was held, what crept, what was squeezed."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from soro_core.arrays import Array
+from soro_lab.scene import Scene
+from soro_ros.recordings.bodies.tracks import messages_of
+from soro_ros.recordings.report import last_s
+from soro_ros.recordings.verdict import Verdict
+
+# End of control in which a body is held, or is not [s].
+_END_S = 1.0
+_GRAVITY = 9.81
+
+
+@dataclass(frozen=True)
+class BodyFigures:
+    """Figures of a body that is not fixed; NaN where they are not known.
+
+    Attributes
+    ----------
+    dropped : bool
+        Whether an arm has touched it, and none does in the last second of control; not of a hinged one.
+    creep_m_s : float
+        Speed of its centre in the last 5 s, of the straight line through its places.
+    weight_balance : float
+        Mean of the contact forces against its weight there, over the weight, minus 1; NaN of a hinged one.
+    largest_normal_n : float
+        Largest sum of the normal forces on it during a tick of the control.
+    """
+
+    dropped: bool
+    creep_m_s: float
+    weight_balance: float
+    largest_normal_n: float
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the figures by name; an unknown figure is None."""
+        return {k: None if isinstance(v, float) and math.isnan(v) else v for k, v in asdict(self).items()}
+
+
+def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
+    """Return the figures of the bodies of a run that are not fixed, by name; none without control.
+
+    Parameters
+    ----------
+    bag : Path
+        Folder of the bag.
+    scene : Scene
+
+    Raises
+    ------
+    BagError
+        If it cannot be read.
+    """
+    from geometry_msgs.msg import PoseStamped, WrenchStamped
+    from sensor_msgs.msg import JointState
+
+    from soro_ros.conversion import force, messages
+
+    wanted = {name: body for name, body in scene.bodies.items() if not body.fixed}
+    place, control = f"/{scene.name}/bodies", f"/{scene.each[0].name}/arm/desired/tip"
+    kinds: dict[str, Any] = {control: PoseStamped, f"{place}/contacts": JointState}
+    for name in wanted:
+        kinds |= {f"{place}/{name}/pose": PoseStamped, f"{place}/{name}/wrench": WrenchStamped}
+    rows = messages_of(bag, kinds)
+    if not rows[control]:
+        return {}
+    begin_ns = rows[control][0][0]
+    end_ns = min(rows[control][-1][0], begin_ns + round(1e9 * scene.duration_s))
+    last_ns = end_ns - round(1e9 * last_s(scene))
+
+    def between(topic: str, first_ns: int) -> list[tuple[int, Any]]:
+        return [(stamp, one) for stamp, one in rows[topic] if first_ns <= stamp <= end_ns]
+
+    contacts = [(stamp, messages.efforts(one)) for stamp, one in between(f"{place}/contacts", begin_ns)]
+    arms = {arm.prefix.rstrip("/") or "arm" for arm in scene.each}
+    found = {}
+    for name, body in wanted.items():
+        own = [(s, {p: n for p, n in of.items() if name in p.split("/")}) for s, of in contacts]
+        held = [(stamp, any(arms & set(pair.split("/")) for pair in of)) for stamp, of in own]
+        is_held = any(touched for stamp, touched in held if stamp >= end_ns - round(1e9 * _END_S))
+        poses, pushes = between(f"{place}/{name}/pose", last_ns), between(f"{place}/{name}/wrench", last_ns)
+        carried = np.array([force.force_of(one)[2] for _, one in pushes])
+        weight_n = math.nan if body.mass is None or body.hinge is not None else body.mass * _GRAVITY
+        found[name] = BodyFigures(
+            dropped=body.hinge is None and any(touched for _, touched in held) and not is_held,
+            creep_m_s=_speed(
+                np.array([1e-9 * (stamp - last_ns) for stamp, _ in poses]),
+                np.array([messages.pose_arrays(one.pose)[0] for _, one in poses]),
+            ),
+            weight_balance=float(carried.mean()) / weight_n - 1.0 if carried.size else math.nan,
+            largest_normal_n=max((sum(of.values()) for _, of in own), default=math.nan),
+        )
+    return found
+
+
+def _speed(t: Array, places: Array) -> float:
+    """Speed [m/s] of the straight line through places (n, 3) [m] at times (n,) [s]."""
+    return float(np.linalg.norm(np.polyfit(t, places, 1)[0])) if t.size > 2 else math.nan
+
+
+def judge_bodies(figures: dict[str, BodyFigures]) -> Verdict:
+    """Return the verdict on bodies: lost with one that was dropped."""
+    dropped = [name for name, one in figures.items() if one.dropped]
+    return Verdict("lost", f"dropped {', '.join(dropped)}") if dropped else Verdict("good")
+
+
+def table_of_bodies(figures: dict[str, BodyFigures]) -> Table:
+    """Return the figures as a table for the terminal."""
+    shown = Table(title="bodies")
+    for heading in ("", "dropped", "creep", "forces over weight - 1", "largest normal force"):
+        shown.add_column(heading)
+    for name, one in figures.items():
+        shown.add_row(
+            name,
+            "yes" if one.dropped else "no",
+            f"{1e6 * one.creep_m_s:.3g} um/s",
+            "-" if math.isnan(one.weight_balance) else f"{one.weight_balance:.2g}",
+            f"{one.largest_normal_n:.3g} N",
+        )
+    return shown

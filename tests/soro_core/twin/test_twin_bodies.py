@@ -1,0 +1,84 @@
+"""Twins and bodies in one world: a tick of all of them is that of `simulate_world`."""
+
+import numpy as np
+import pytest
+
+from soro_core.bodies import BallShape, BodyWorld, BoxShape, RigidBody, simulate_world
+from soro_core.config import with_changes
+from soro_core.errors import ConfigError
+from soro_core.robot import load_robot
+from soro_core.twin import Twin, TwinConfig
+from soro_core.twin.bodies import TwinBodies
+
+CONFIG = TwinConfig(refine=1, bodies_file="scene.yaml", pressures="measured")
+WALL = {
+    "wall": RigidBody(
+        shape=BoxShape(size=[0.02, 0.2, 0.2]), fixed=True, position=[0.03, 0.0, 0.05], friction=0.0
+    ),
+    "ball": RigidBody(shape=BallShape(radius=0.01), mass=0.02, position=[0.0, 0.5, 0.0]),
+}
+PRESSURE = np.array([0.0, 30e3, 30e3])
+TICKS, DT = 200, 0.005
+
+
+@pytest.fixture(scope="module")
+def leaning():
+    """An arm that leans on a wall: the twin after one second, the bodies there, and what it has published."""
+    twin = Twin(load_robot("tue_three_bellow"), CONFIG)
+    state = twin.initial()
+    bodies = TwinBodies(WALL, {"arm": twin}, [state])
+    for _ in range(TICKS):
+        part = min((state.tick + 1) / 40, 1.0)
+        (state,) = bodies.move([state], [twin.step_pressures(state, part * PRESSURE)])
+    return twin, state, bodies.now
+
+
+def test_the_arm_is_where_the_library_has_it(leaning):
+    twin, state, now = leaning
+    assert state.status.ok
+    assert state.tick == TICKS
+    start = twin.initial().arm.q
+    world = BodyWorld(WALL, {"arm": twin.plant.arm}, {"arm": start})
+    whole = simulate_world(
+        world, t_end=TICKS * DT, pressures={"arm": lambda t: PRESSURE * min(t / (40 * DT), 1.0)}
+    )
+    np.testing.assert_allclose(state.arm.q, whole.q["arm"][-1], atol=1e-9)
+    np.testing.assert_allclose(now.state.place[1], whole.place["ball"][-1], atol=1e-12)
+    force = whole.contact_force("wall")[-5:].mean(axis=0)
+    assert force[0] > 0.02
+    np.testing.assert_allclose(now.wrench("wall", np.zeros(3))[0], force, atol=1e-9)
+    normal = now.pushes["arm", "wall"] if ("arm", "wall") in now.pushes else now.pushes["wall", "arm"]
+    assert normal[2] == pytest.approx(whole.normal_force("wall")[-5:].mean())
+
+
+def test_the_true_force_on_the_arm_is_that_of_the_bodies(leaning):
+    twin, state, now = leaning
+    _, seen = twin.observe(state)
+    np.testing.assert_allclose(seen.contact_n, -now.wrench("wall", np.zeros(3))[0], atol=1e-12)
+    tip = twin.plant.arm.pose(state.arm.q, twin.length)
+    np.testing.assert_allclose(seen.tip, tip)
+
+
+def test_a_torque_is_that_about_a_point(leaning):
+    _, _, now = leaning
+    force, about_origin = now.wrench("wall", np.zeros(3))
+    _, about_point = now.wrench("wall", np.array([0.0, 0.0, 0.1]))
+    np.testing.assert_allclose(about_point, about_origin - np.cross([0.0, 0.0, 0.1], force))
+    assert np.abs(about_origin).max() > 1e-4
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"imu": {"enabled": True}}, "no imu"),
+        ({"wall": {"stiffness": 100.0}}, "no wall"),
+        ({"wrench": {"at_s": [1.0], "force_n": [0.1, 0.0, 0.0]}}, "no wrench"),
+        ({"base_by_topic": True}, "no base_by_topic"),
+        ({"base_shake": {"amplitude_m": [0.01, 0.0, 0.0]}}, "no base_shake"),
+        ({"payload_changes": {"at_s": [1.0], "payload_kg": [0.1]}}, "no payload_changes"),
+        ({"air": "states", "pressures": "regulators"}, "air: lag"),
+    ],
+)
+def test_a_twin_has_nothing_that_bodies_do_not_know(keys, said):
+    with pytest.raises(ConfigError, match=f"{said}.* beside bodies"):
+        with_changes(CONFIG, **keys)

@@ -83,6 +83,8 @@ def compared(
         del of["slopes"]
     best = max(of, key=of.__getitem__)
     is_better = of[best] - of[evidence.adopted] > _ENOUGH
+    if best != "file":  # where another one has become bad, this one is not yet good
+        is_better = is_better and of[best] > _ENOUGH
     return best if is_better else evidence.adopted, tuple(means)
 
 

@@ -51,6 +51,12 @@ def test_slopes_do_not_stand_in_for_another_stiffness(stiffness, adopted):
     assert found.adopted == adopted
 
 
+def test_what_is_no_better_than_the_file_does_not_take_the_place_of_what_is_worse():
+    bad = RivalEvidence("stiffness", (0.0, 0.4, -0.4), VALUES)
+    sides = np.full(1, 0.54), np.array([[0.0, 1.0]])
+    assert compared(bad, sides, NOISE, EVERY_S)[0] == "stiffness"
+
+
 def test_a_slope_of_a_residual_within_the_noise_is_not_adopted():
     sides = np.ones(1), np.ones((1, 2))
     adopted, means = compared(after(NO_EVIDENCE, 1.0, 0.5), sides, 1e3 * NOISE, EVERY_S)

@@ -113,7 +113,7 @@ HELD_TOP = {"where": {"kind": "box", "y_m": [0.01, 0.01]}, "along": ["y"]}
         ("cells[0]", {"cells": [1, 9]}),
         ("goal.material", {"goal": {"material": 3}}),
         ("air.depth_m", {"air": {"depth_m": -1.0}}),
-        ("space", {"space": "solid"}),
+        ("space", {"space": "cube"}),
     ],
 )
 def test_bad_tasks_are_refused_in_one_line(key, changes):

@@ -1,4 +1,4 @@
-"""Detect bad input, a fallen arm, and saturated pressures, for which a mean pressure is lowered."""
+"""Detect bad input, saturated pressures and a fallen arm while the arm is controlled."""
 
 from __future__ import annotations
 
@@ -13,9 +13,6 @@ from soro_core.frozen import replaced
 
 # A chamber with this pressure deficit [Pa] for this time [s] is named.
 DEFICIT_PA, DEFICIT_S = 2e3, 0.5
-# Time constant [s] with which a mean pressure that may be chosen takes up the deficit of the chamber that
-# lacks most, and the speed of its return where it may no more [Pa/s].
-_LOWERS_S, _RETURNS_PA_S = 0.5, 20e3
 # A tip this far from its reference, of the length, for this time [s]: the arm has fallen over.
 FALLEN_PART, FALLEN_S = 0.5, 1.0
 # Time after the start of the reference [s] from which it is judged: a loaded arm gets up before.
@@ -36,8 +33,6 @@ class ControlMonitorState:
         Whether the arm has fallen over; it stays so until the controller starts anew.
     saturated : str
         Chambers with a pressure deficit.
-    lowered_pa, lowered : float, str
-        What the reference's mean pressure is lowered by [Pa], and why.
     event_text, event_s : str, float
         Last event of the law, and the time since then [s].
     refused : int
@@ -49,8 +44,6 @@ class ControlMonitorState:
     deficit_s: float = 0.0
     fallen: bool = False
     saturated: str = ""
-    lowered_pa: float = 0.0
-    lowered: str = ""
     event_text: str = ""
     event_s: float = 0.0
     refused: int = 0
@@ -59,7 +52,7 @@ class ControlMonitorState:
     def note(self) -> str:
         """What the user must know, or an empty string."""
         fallen = "the arm has fallen over: vented until the controller starts anew" if self.fallen else ""
-        return "; ".join(text for text in (fallen, self.saturated, self.lowered, self.event_text) if text)
+        return "; ".join(text for text in (fallen, self.saturated, self.event_text) if text)
 
 
 def update_monitor(
@@ -70,7 +63,6 @@ def update_monitor(
     event: str,
     start_s: float,
     dt: float,
-    lowest_pa: float = 0.0,
 ) -> ControlMonitorState:
     """Return the state after a tick.
 
@@ -90,8 +82,6 @@ def update_monitor(
         Duration of the start of the reference [s].
     dt : float
         Time since the last tick [s].
-    lowest_pa : float
-        What the mean pressure may be lowered by at most [Pa].
     """
     run_s = state.run_s + dt
     upright = run_s > start_s + UPRIGHT_S
@@ -103,15 +93,6 @@ def update_monitor(
     if deficit_s > DEFICIT_S:
         # A text that changes with each tick would be a message each tick.
         saturated = state.saturated or f"pressure saturated: {deficit_text(names, missing_pa)}"
-    lowered_pa, lowered = state.lowered_pa, state.lowered
-    if deficit_s > DEFICIT_S and np.min(missing_pa) > -DEFICIT_PA:
-        lowered_pa += float(np.max(missing_pa)) * dt / _LOWERS_S
-    lowered_pa = min(lowered_pa, max(lowest_pa, state.lowered_pa - _RETURNS_PA_S * dt))
-    if lowered_pa > state.lowered_pa:
-        name = names[int(np.argmax(missing_pa))]
-        lowered = f"mean pressure lowered by {1e-3 * lowered_pa:.0f} kPa: {name} was at its limit"
-    elif lowered_pa == 0.0:
-        lowered = ""
     event_text, event_s = (event, 0.0) if event else (state.event_text, state.event_s + dt)
     return replaced(
         state,
@@ -120,8 +101,6 @@ def update_monitor(
         deficit_s=deficit_s,
         fallen=state.fallen or away_s > FALLEN_S,
         saturated=saturated,
-        lowered_pa=lowered_pa,
-        lowered=lowered,
         event_text=event_text if event_s < _SHOWN_S else "",
         event_s=event_s,
     )

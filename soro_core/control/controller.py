@@ -14,7 +14,7 @@ from soro_core.arrays import Array
 from soro_core.control.bumpless import apply_transfer
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command
 from soro_core.control.config import ControllerConfig, require_chambers
-from soro_core.control.control_monitor import input_error, update_monitor
+from soro_core.control.control_monitor import ControlMonitorState, input_error, update_monitor
 from soro_core.control.external_references import GivenReferences
 from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.gains import gains_of
@@ -25,12 +25,7 @@ from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview,
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.motions.motion import Planner
 from soro_core.control.motions.pressure_feasibility import pressure_supply
-from soro_core.control.motions.references import (
-    bounds_of,
-    check_configured,
-    chosen_elongation,
-    configured_reference,
-)
+from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
 from soro_core.control.nonuniform_strain import nonuniform_of
 from soro_core.control.pressures.actuation import (
     DEFAULT_RATE_HZ,
@@ -103,7 +98,6 @@ class Controller(GivenReferences):
         self.bounds = bounds_of(self.fields, self.config.reference, model.links)
         self.configured = configured_reference(self.arm, self.bounds, config, self.pressures)
         check_configured(self.bounds, self.configured)
-        self.chosen = chosen_elongation(self.arm, self.fields, config.reference, self.configured)
         self.limit = self.bounds.strain
         self.underactuated = UnderactuatedReference(self.arm, self.fields, self.limit, model.links)
         self.law = law(
@@ -119,9 +113,7 @@ class Controller(GivenReferences):
             ),
             options_of(self.config.law, self.config.law_options),
         )
-        self.limit_cycles = LimitCycleWatch(
-            self.arm, model.links, self.pressures.preview_s, self.config.gains.automatic
-        )
+        self.limit_cycles = LimitCycleWatch(self.arm, model.links, self.pressures.preview_s)
         known = self.pressures
         self._nothing = np.zeros(self.arm.n_u)
         self.force_loop = ForceLoop(self.arm, self.fields, self.gains.k_p, self.limit, config.force)
@@ -241,23 +233,17 @@ class Controller(GivenReferences):
                 reference = self.configured_press(state, t)
             except ConfigError as error:  # the arm stays on its reference
                 state = replace(state, force=replace(state.force, refusal=str(error)))
-        lowest_pa = self.chosen[1] if reference is None else 0.0
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
-
         point = reference_ahead(self.bounds, following, 0.0)
         external = None if certainty is None else certainty.external
         force = self.force_loop.step(state.force, following, point, (q, qd), external, dt)
 
         def later(time_s: float) -> Point:
-            point = self.force_loop.moved_point(
-                force, reference_ahead(self.bounds, following, time_s), time_s
-            )
-            lowered_pa = state.watch.lowered_pa
-            return replaced(point, q=point.q - lowered_pa * self.chosen[0]) if lowered_pa else point
+            return self.force_loop.moved_point(force, reference_ahead(self.bounds, following, time_s), time_s)
 
-        point, future = later(0.0), later(preview_s)
+        point, future = self.force_loop.moved_point(force, point, 0.0), later(preview_s)
         try:
             shape, ahead = state.shape, Preview(point, future, preview_s, later=later)
             # A law that learns from the tracking error needs that of all coordinates.
@@ -277,9 +263,9 @@ class Controller(GivenReferences):
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:
-            regulators = self.observer.observe(regulators, measured, dt, min(part, 1.0))
+            regulators = self.observer.observe(regulators, measured, dt, part)
         inner, desired, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
-        if part != 1.0:
+        if part < 1.0:
             terms, desired = lowered(terms, desired, part)
         transfer, desired = apply_transfer(state.transfer, desired, dt)
         desired = desired + self.force_loop.push(force, ahead.ahead.q)
@@ -297,22 +283,11 @@ class Controller(GivenReferences):
         asked = AskedForce(terms, believed @ bias, missing)
         force = self.force_loop.relieved(force, missing, dt)
         limit_cycle = self.limit_cycles.step(state.limit_cycle, asked, point.q, belief, dt)
-        tip_reference, tip = (self.arm.pose(place, self.arm.length) for place in (point.q, q))
-        away = math.dist(tip[:3, 3], tip_reference[:3, 3]) / self.arm.length
-        watch = update_monitor(
-            state.watch,
-            away if self.law.learns else 0.0,  # the lost arm of another law is the verdict's
-            missing,
-            self._chamber_names,
-            self.law.note(inner),
-            start_s,
-            dt,
-            lowest_pa,
-        )
+        tip_reference = self.arm.pose(point.q, self.arm.length)
         after = replaced(
             state,
             law=inner,
-            watch=watch,
+            watch=self._judged(state, q, tip_reference, missing, self.law.note(inner), dt),
             setpoint_pa=made.command_pa,
             model_pa=made.model_pa,
             wish_pa=wish.pressure_pa,
@@ -375,6 +350,17 @@ class Controller(GivenReferences):
         return shape, Preview(
             shaped(now), ahead, given.ahead_s, motions, lambda time_s: shaped(given.at(time_s))
         )
+
+    def _judged(
+        self, state: ControllerState, q: Array, wanted: Array, missing: Array, event: str, dt: float
+    ) -> ControlMonitorState:
+        """Return the watch after a tick; `wanted` is the pose (4, 4) of the tip at the reference."""
+        tip = self.arm.pose(q, self.arm.length)
+        away = math.dist(tip[:3, 3], wanted[:3, 3]) / self.arm.length
+        if not self.law.learns:  # its lost arm is the verdict's
+            away = 0.0
+        start_s = self.config.reference.start_s
+        return update_monitor(state.watch, away, missing, self._chamber_names, event, start_s, dt)
 
     def _vented(self, state: ControllerState, dt: float) -> tuple[ControllerState, Command]:
         """Vent an arm that has fallen over."""

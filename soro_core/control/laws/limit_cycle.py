@@ -1,4 +1,4 @@
-"""Detect a limit cycle of the loop, or an arm that runs away, and lower or raise the feedback of any law.
+"""Detect a limit cycle of the loop, and lower the feedback of any law until it stops.
 
 Feedback that comes too late for its gains makes the loop swing at a frequency of its own, up to where a bound
 holds it. Half swings of the tracking error of a coordinate, of like duration and not becoming smaller, in
@@ -6,9 +6,6 @@ which the feedback swings too, are a limit cycle, unless the reference turns abo
 the load the loop swings until the load is learned: the estimate jumps then, and nothing is judged for a
 while. Nor is an arm whose pressures end before what it needs: no feedback moves it then. Feedback that has
 been lowered stays so: what made it swing is still there.
-
-An arm that is softer than its file may be unstable where its model is not: its error is large, and grows
-until feedback holds it. That of automatic gains is raised then, once, where nothing has been lowered before.
 """
 
 from __future__ import annotations
@@ -20,14 +17,12 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.adaptation.modes import first_mode
 from soro_core.adaptation.scales import scales_of
 from soro_core.arrays import Array
 from soro_core.control.control_monitor import DEFICIT_PA, DEFICIT_S
 from soro_core.control.laws.protocol import ArmBelief, Terms
 from soro_core.errors import ConfigError
 from soro_core.frozen import replaced
-from soro_core.robot.coordinates import strain_fields
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
@@ -50,13 +45,6 @@ _EVEN_PART, _LASTS_PART = 0.6, 0.9
 _HARMONICS = 3.5
 # Factor on the feedback at each detection, and the least part of it that is left.
 _LOWERED, _LEAST_PART = 0.5, 1.0 / 16.0
-# An error beyond this, in units of q, that has grown without turning while the first bending mode turns by so
-# much [rad]; factor on the feedback then. The three-bellow arm has 0.15 s: one that is held comes back from
-# less, and slopes that come into force move it for 0.1 s.
-_FAR_Q, _GROWS_RAD, _RAISED = 0.4, 6.0, 3.0
-# Time from then on in which no swing is judged [s]: until slopes are in force, W stands for them, and makes
-# the arm swing at any gains (docs/adr/0063).
-_LEARNS_S = 5.0
 
 # What a law must tell of its force.
 FEEDBACK = "error", "proportional", "derivative"
@@ -103,11 +91,7 @@ class LimitCycleState:
     jumped_s : float
         When the estimate jumped last [s].
     part, note : float, str
-        Factor on the feedback that is in force; what the user must know, or an empty string.
-    far_s : ndarray (n,) or float
-        Time for which each coordinate has been far from its reference without turning back [s].
-    raised_s : float
-        When the feedback was raised [s].
+        Part of the feedback that is in force; what the user must know, or an empty string.
     """
 
     t_s: float
@@ -125,8 +109,6 @@ class LimitCycleState:
     jumped_s: float = -math.inf
     part: float = 1.0
     note: str = ""
-    far_s: Array | float = 0.0
-    raised_s: float = -math.inf
 
 
 def no_limit_cycle(n: int) -> LimitCycleState:
@@ -149,13 +131,9 @@ class LimitCycleWatch:
         Number of pieces into which each link is discretised.
     acts_after_s : float
         Time until a set point acts [s]: no half swing of the loop is shorter.
-    raises : bool
-        Whether the feedback of a standing arm that runs away is raised: that of automatic gains alone.
     """
 
-    def __init__(
-        self, arm: SoftArm, pieces: int = 1, acts_after_s: float = 0.0, raises: bool = False
-    ) -> None:
+    def __init__(self, arm: SoftArm, pieces: int = 1, acts_after_s: float = 0.0) -> None:
         self.acts_after_s = acts_after_s
         try:
             scales = scales_of(arm, pieces)
@@ -165,13 +143,6 @@ class LimitCycleWatch:
             self.units = scales.q, scales.force
             self.back_part, back_q = np.repeat([_BACK_PART, _BACK_LEAST], scales.q.size, axis=1)
             self.back_q = _LEAST_Q * back_q
-            mode = first_mode(arm, stretch=False)
-            self.grows_s = math.inf if mode is None else _GROWS_RAD / mode.rate_per_s
-            # A load holds a hanging arm: it swings, and does not run away.
-            still = np.zeros(arm.n_q)
-            bent = np.where(strain_fields(arm.robot).stretch, 0.0, 0.1 * scales.q)
-            stands = float(bent @ arm.tip_mass_force(bent, still, still)) < 0.0
-            self.raises = raises and stands
 
     def step(
         self,
@@ -203,27 +174,14 @@ class LimitCycleWatch:
         place, rate = belief.q / by_q, belief.qd / by_q
         jump = np.abs(place - state.place - 0.5 * dt * (rate + state.rate)).max()
         starts = t_s < _START_S
-        is_short = np.abs(missing_pa) > DEFICIT_PA
-        short_s = np.where(is_short, state.short_s + dt, 0.0)
+        short_s = np.where(np.abs(missing_pa) > DEFICIT_PA, state.short_s + dt, 0.0)
         has_jumped = jump > _JUMP_Q and not starts
         ahead = state.side * (signal - state.extreme)
         is_out = (ahead > 0.0) | starts
         height = np.abs(state.extreme - state.values[:, -1])
         turned = -ahead > np.maximum(self.back_part * height, self.back_q)
-        n, part, note, raised_s = reference.size, state.part, state.note, state.raised_s
-        is_pushed = belief.external is not None and belief.external.stage != "free"
-        is_judged = not (starts or has_jumped or is_pushed or is_short.any())
-        is_far = is_judged & (state.side * signal > _FAR_Q)[:n] & ~turned[:n]
-        far_s = np.where(is_far, state.far_s + dt, 0.0)
-        if self.raises and part == 1.0 and (is_out[:n] & (far_s > self.grows_s)).any():
-            part, raised_s = _RAISED, t_s
-            note = f"the arm ran away: feedback raised to {part:.2g} times its gains"
         after = replaced(
             state,
-            part=part,
-            note=note,
-            far_s=far_s,
-            raised_s=raised_s,
             t_s=t_s,
             extreme=np.where(is_out, signal, state.extreme),
             at_s=np.where(is_out, t_s, state.at_s),
@@ -239,7 +197,7 @@ class LimitCycleWatch:
 
 
 def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
-    """Return terms and desired force of a law with its feedback times a factor.
+    """Return terms and desired force of a law with this part of its feedback.
 
     Parameters
     ----------
@@ -248,7 +206,7 @@ def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
     desired : ndarray (n,)
         Force that the law asks for.
     part : float
-        Factor on the feedback.
+        Part of the feedback that is left, 0 to 1.
 
     Returns
     -------
@@ -284,7 +242,6 @@ def _turned(
         & (pushed.min(axis=1) > _LEAST_FORCE)
         & (state.t_s - state.jumped_s > _UNJUDGED * longest_s)
         & (state.short_s.max() < DEFICIT_S)
-        & (state.t_s - state.raised_s > _LEARNS_S)
         & ~(_HARMONICS * longest_s > reference_s)
     )
     part, note = state.part, state.note

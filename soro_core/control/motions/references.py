@@ -109,25 +109,6 @@ def configured_reference(
     return Circle(elongation * stretch, across, along, settings.curvature_per_m, settings.period_s, 0.0)
 
 
-def chosen_elongation(
-    arm: SoftArm, fields: StrainFields, settings: ReferenceConfig, reference: Reference | None
-) -> tuple[Array, float]:
-    """Return the elongation (n_q,) by mean pressure [1/Pa], and the one that elongates the reference [Pa].
-
-    Both are 0 where no pressure has chosen the elongation: it is stated, or belongs to a place of the tip.
-    """
-    nothing = np.zeros(arm.n_q)
-    if not (settings.choose_elongation and isinstance(reference, Circle)):
-        return nothing, 0.0
-    stretch = fields.of("elongation") * fields.uniform
-    by_pressure = stretch @ arm.actuation_matrix(nothing).sum(axis=1)
-    by_pa = by_pressure / (stretch @ arm.stiffness_matrix(nothing) @ stretch)
-    elongation = float(reference.centre @ stretch / (stretch @ stretch))
-    if not by_pa > 0.0:
-        return nothing, 0.0
-    return np.asarray(by_pa * stretch), max(elongation / by_pa, 0.0)
-
-
 def key_of(reference: Reference) -> str:
     """Return the key of a configured reference in the section `reference`."""
     if isinstance(reference, Circle):

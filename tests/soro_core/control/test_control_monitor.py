@@ -1,7 +1,5 @@
 """What the controller says of a load that is too large, and of an arm that has fallen over."""
 
-from dataclasses import replace
-
 import control_samples
 import numpy as np
 import pytest
@@ -15,7 +13,6 @@ from soro_core.control.laws import Certainty
 DT = 0.005
 NAMES = ("a", "b", "c")
 NONE = np.zeros(3)
-NEW = ControlMonitorState()
 
 
 def after(state, seconds, away=0.0, missing=NONE, event=""):
@@ -116,45 +113,3 @@ def test_what_is_not_finite_is_counted_and_the_last_model_kept(what):
 
 def test_nothing_is_learned_of_a_filter_that_is_lost():
     assert not run(controller("composite", nonuniform_strain=False), 1.0)[1].learned.theta.any()
-
-
-def test_a_mean_pressure_that_may_be_chosen_is_lowered_where_a_chamber_is_at_its_limit():
-    def lowered(missing, lowest_pa, seconds, state=NEW):
-        for _ in range(round(seconds / DT)):
-            lacks = np.array(missing) - state.lowered_pa * (np.array(missing) > 0.0)
-            state = update_monitor(state, 0.0, lacks, NAMES, "", 3.0, DT, lowest_pa)
-        return state
-
-    state = lowered([12e3, 0.0, 0.0], 30e3, 3.0)
-    # To what a deficit may be.
-    assert 9.9e3 < state.lowered_pa < 10.1e3
-    assert "mean pressure lowered by 10 kPa: a was at its limit" in state.note
-    assert lowered([12e3, 0.0, 0.0], 30e3, 0.49).lowered_pa == 0.0
-    assert lowered([12e3, 0.0, 0.0], 4e3, 3.0).lowered_pa == 4e3
-    # A lower limit beside it leaves no choice, nor does a reference whose elongation nobody has chosen.
-    assert lowered([12e3, 0.0, -3e3], 30e3, 3.0).lowered_pa == 0.0
-    assert lowered([12e3, 0.0, 0.0], 0.0, 3.0).lowered_pa == 0.0
-    # It returns where another reference does not allow it.
-    state = lowered([0.0, 0.0, 0.0], 0.0, 0.25, state)
-    assert 4.9e3 < state.lowered_pa < 5.2e3
-    state = lowered([0.0, 0.0, 0.0], 0.0, 1.0, state)
-    assert (state.lowered_pa, state.note) == (0.0, "")
-
-
-def test_the_reference_of_a_chamber_at_its_limit_is_shorter():
-    control = {"reference": {"curvature_per_m": 7.0, "mean_pressure_pa": 40e3}}
-    robot = robot_from_dict({**control_samples.ROBOT, "links": [control_samples.LINK]})
-    controller = Controller(robot, parse(control, ControllerConfig, "test"))
-    start, n = controller.initial_state(), controller.arm.n_q
-    lacking = replace(start, watch=ControlMonitorState(lowered_pa=5e3))
-    still = np.zeros(n), np.zeros(n), 0.0, DT, np.zeros(controller.arm.n_u)
-    before, after = (controller.step(state, *still)[1].reference.q for state in (start, lacking))
-    by_pa, elongates_pa = controller.chosen
-    np.testing.assert_allclose(before - after, 5e3 * by_pa)
-    assert by_pa.any()
-    assert elongates_pa > 5e3
-    # A stated elongation is nobody's to change.
-    stated = parse({"reference": {"choose_elongation": False, "elongation": 0.1}}, ControllerConfig, "test")
-    fixed = Controller(robot, stated).chosen
-    assert not fixed[0].any()
-    assert fixed[1] == 0.0

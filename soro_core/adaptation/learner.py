@@ -25,11 +25,10 @@ from soro_core.adaptation.kernel.information import LearningRule, RuleFields, ga
 from soro_core.adaptation.kernel.sample import show
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learning.bounds import bounded_minimum
-from soro_core.adaptation.learning.evidence import RIVALS, Rival, RivalEvidence, compared, rivals
 from soro_core.adaptation.learning.outside_force import KEPT, PAST_S, held
+from soro_core.adaptation.learning.slope_evidence import SlopeEvidence, compared, rivals
 from soro_core.adaptation.learning.state import LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
-from soro_core.adaptation.scales import FORCE_PART
 from soro_core.arrays import Array, Integers
 from soro_core.frozen import replaced
 from soro_core.linear import inverse
@@ -46,8 +45,6 @@ _STEP = 1e-6
 # The filter first moves from its start to the arm, and the low-pass would keep that: it begins when the
 # filter is sure, or after this time [s].
 _WAIT_S = 0.5
-# Prior deviation of the stiffness of all strains together, as a part of it, where that predicts better.
-_STIFFNESS_STD = 0.3
 # The chambers are judged after each such time [s].
 _JUDGED_S = 0.5
 
@@ -79,9 +76,6 @@ class Learner:
         self.size = self.force.size + self.chambers.size
         self.slope = self._slope()
         self.load_prior, self.damping_std = np.diag(deviation**-2), config.damping_std * damping.critical_s
-        elastic = np.zeros(deviation.size)
-        elastic[1:].reshape(arm.n_q, -1)[:, 1:] = _STIFFNESS_STD / FORCE_PART * np.eye(arm.n_q)
-        self.stiffness_prior = np.linalg.inv(np.diag(deviation**2) + np.outer(elastic, elastic))
         self.mass_rate = follow_rate(config.mass_std_kg, arm, self.force.scales)
         bound = np.full(weights, config.weight_bound)
         self.lower = np.concatenate([[config.mass_lower_kg], -bound, damping.lower, self.chambers.lower])
@@ -147,7 +141,7 @@ class Learner:
         start[own] = np.where(np.isin(link, link[is_other]), within, start[own])
         return self.initial_state(start)
 
-    def _prior(self, start: Array, theta: Array, rival: Rival = "file") -> Array:
+    def _prior(self, start: Array, theta: Array) -> Array:
         """Return A_0 (size, size) for a start and such values of damping and chambers.
 
         Values that were kept or measured are in doubt by their own size, as at the end of a run that learned
@@ -157,7 +151,7 @@ class Learner:
         load, size = len(self.load_prior), self.force.size
         far = np.maximum(np.abs(start[load:]), np.abs(theta[load:] - start[load:]))
         prior = np.zeros((self.size, self.size))
-        prior[:load, :load] = self.stiffness_prior if rival == "stiffness" else self.load_prior
+        prior[:load, :load] = self.load_prior
         prior[load:size, load:size] = self.force.damping.prior(self.damping_std, far[: size - load])
         prior[size:, size:] = self.chambers.prior(far[size - load :])
         return prior
@@ -239,11 +233,11 @@ class Learner:
             under = held(state, sample.stage, seen, self._rule, bounds, dt)
             return replaced(under, residual=residual, regressor=regressor, rate=sample.qd, note=state.named)
         start, known = state.start, np.concatenate([state.learned.theta, state.chambers])
-        prior = self._prior(start, known, state.rival.adopted)
+        prior = self._prior(start, known)
         information, moment = state.information + (prior - state.prior), state.moment.copy()
         # What is learned is the difference from the start, to which it returns.
         theta = known - start
-        room = self._room(start, state.rival.adopted == "slopes")
+        room = self._room(start, state.slopes.adopted)
         least, most = (bound[self._lasting] for bound in room)
         rule: RuleFields = self._rule._replace(prior=prior, least=least, most=most)[:]
         sides = residual - regressor @ start, regressor
@@ -257,13 +251,12 @@ class Learner:
         note = ""
         if at_bound_s > config.bound_s:
             note = f"the learned mass at the tip is at its bound, {1e3 * mass_kg:.3g} g"
-        parts, judged_s, rival, named = self._parts(within), state.judged_s + dt, state.rival, state.named
+        parts, judged_s, slopes, named = self._parts(within), state.judged_s + dt, state.slopes, state.named
         if judged_s >= _JUDGED_S:
             noise = self._rule.noise + self.slope @ covariance @ self.slope.T
-            adopted, means = compared(rival, sides, noise, judged_s)
-            of_each = [information + (self._prior(start, known, one) - prior) for one in RIVALS]
-            found = rivals(of_each, moment, self.first_slope, self._room(start, True))
-            rival, judged_s = RivalEvidence(adopted, means, found), 0.0
+            adopted, mean = compared(slopes, sides, noise, judged_s)
+            found = rivals(information, moment, self.first_slope, self._room(start, True))
+            slopes, judged_s = SlopeEvidence(adopted, mean, found), 0.0
             named = self._named(parts["chambers"], information)
         past = tuple((kept[0] + dt, *kept[1:]) for kept in state.past)
         if not past or past[-1][0] >= PAST_S:
@@ -281,7 +274,7 @@ class Learner:
             rate=sample.qd,
             passed_s=state.passed_s + dt,
             at_bound_s=at_bound_s,
-            rival=rival,
+            slopes=slopes,
             judged_s=judged_s,
             named=named,
             note="; ".join(filter(None, (named, note))),

@@ -7,7 +7,7 @@ from typing import Any
 
 from soro_core.adaptation.external_force import Stage
 from soro_core.adaptation.learned import Learned
-from soro_core.adaptation.learning.evidence import NO_EVIDENCE, RivalEvidence
+from soro_core.adaptation.learning.slope_evidence import NO_EVIDENCE, SlopeEvidence
 from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array
 
@@ -65,8 +65,8 @@ class LearnerState:
         Time before the low-pass began, and since then [s].
     at_bound_s : float
         Time at a bound without a break [s].
-    rival : RivalEvidence
-        Which model is in force.
+    slopes : SlopeEvidence
+        Whether the slopes of the areas are in force.
     refused, restored : int
         Samples that were not finite; restorations of the prior.
     judged_s, named : float, str
@@ -94,7 +94,7 @@ class LearnerState:
     waited_s: float = 0.0
     passed_s: float = 0.0
     at_bound_s: float = 0.0
-    rival: RivalEvidence = NO_EVIDENCE
+    slopes: SlopeEvidence = NO_EVIDENCE
     refused: int = 0
     restored: int = 0
     judged_s: float = 0.0

@@ -7,16 +7,14 @@ low-pass across the chord, and a much slower one along it.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
 
 from soro_core.arrays import Array
 
-# Rate along the weak direction [rad/s], and the least age [s] whose inverse is added to it: just after a new
-# force the arm swings and pressures change fast, and what is seen is wrong by more than its noise.
-_ALONG_PER_S, _FIRST_S = 0.3, 0.1
+# Rate along the weak direction [rad/s].
+_ALONG_PER_S = 0.3
 # Square of the deviations of the noise from which on another force is a new one.
 _NEW = 25.0
 # Error of the force of inertia along the weak direction, in parts of that across it.
@@ -33,24 +31,23 @@ class NoisyForce(NamedTuple):
     ----------
     force_n : ndarray (3,)
         [N].
-    axes : tuple of ndarray (3,), (3, 3)
-        Eigenvalues and vectors of the covariance of its noise, times the time for which that lasts [N^2 s].
+    density : ndarray (3, 3)
+        Covariance of its noise, times the time for which that lasts [N^2 s].
     inertia : float
         The same of the error of the force of inertia in each direction across the weak one [N^2 s].
     """
 
     force_n: Array
-    axes: tuple[Array, Array]
+    density: Array
     inertia: float
 
 
 class Average(NamedTuple):
-    """A force (3,) [N], its variances by noise along and across the weak direction [N^2], and its age [s]."""
+    """A force (3,) [N], and its variances by noise along and across the weak direction [N^2]."""
 
     force_n: Array
     along: float
     across: float
-    age_s: float = math.inf
 
 
 def averaged(
@@ -70,7 +67,7 @@ def averaged(
     along_part : float
         Part of a new force along the weak direction that is expected, of that across it.
     """
-    variances, directions = seen.axes
+    variances, directions = np.linalg.eigh(seen.density)
     noise = (variances[1:] + seen.inertia * np.array([1.0, _INERTIA_ALONG**2])) / max(dt, 1e-3)
     weak = directions[:, -1]
     if before is None or dt <= 0.0:
@@ -79,17 +76,16 @@ def averaged(
     along = float(weak @ off) * weak
     across = off - along
     size = float(across @ across)
-    along_rate, age_s = _ALONG_PER_S + 1.0 / max(before.age_s, _FIRST_S), before.age_s + dt
-    spread = np.array([before.across, before.along]) + np.square(dt * np.array([rate, along_rate])) * noise
+    spread = np.array([before.across, before.along]) + np.square(dt * np.array([rate, _ALONG_PER_S])) * noise
     if size > _NEW * float(spread[0] + noise[0]):
-        spread, age_s = spread + size * np.array([1.0, along_part**2]), 0.0
+        spread = spread + size * np.array([1.0, along_part**2])
     gain = spread / (spread + noise)
     left = (1.0 - gain) * spread
-    return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]), age_s)
+    return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]))
 
 
-def covariance_of(average: Average, axes: tuple[Array, Array]) -> Array:
-    """Return the covariance (3, 3) [N^2] of an average by noise of such axes."""
-    weak = axes[1][:, -1]
+def covariance_of(average: Average, density: Array) -> Array:
+    """Return the covariance (3, 3) [N^2] of an average by noise of such a density."""
+    weak = np.linalg.eigh(density)[1][:, -1]
     square = np.outer(weak, weak)
     return np.asarray(average.across * (np.eye(3) - square) + average.along * square)

@@ -13,7 +13,7 @@ class ForceConfig(Strict):
     enabled: bool = Field(True, description="estimate the external force at the tip")
     period_s: float = Field(0.02, gt=0, le=1, description="time between two estimates")
     pieces: int = Field(
-        6,
+        8,
         ge=1,
         le=16,
         description="pieces of each link, which a force bends non-uniformly; at most 8 where links allow it",

@@ -35,9 +35,8 @@ _BEGUN = 5.0
 _ALONE_S = 2.0
 # Time without a position of a place after which one further in is used [s].
 _PLACE_S = 0.25
-# Deviation of the force of inertia at the tip, as a part of it; part of it that is left behind the low-pass
-# of the told force while the arm swings.
-_INERTIA, _SWINGS = 0.5, 0.5
+# Deviation of the force of inertia at the tip, as a part of it.
+_INERTIA = 0.5
 # Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
 # [rad/s].
 _MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
@@ -104,10 +103,6 @@ class ForceState(NamedTuple):
     q : ndarray (n_q,) or None
         Estimated coordinates behind it.
     balance : TipBalance or None
-    noise : ndarray (3, 3) or None
-        Covariance of its force by the noise of one position and one set of pressures [N^2].
-    axes : tuple or None
-        As in `NoisyForce`.
     average, of_any : Average or None
         That of its force, as of a push; and the same as of a push or a load.
     past : tuple of `Before`
@@ -134,8 +129,6 @@ class ForceState(NamedTuple):
     measured: Measured | None = None
     q: Array | None = None
     balance: TipBalance | None = None
-    noise: Array | None = None
-    axes: tuple[Array, Array] | None = None
     average: Average | None = None
     of_any: Average | None = None
     past: tuple[Before, ...] = ()
@@ -231,10 +224,7 @@ class ForceObserver:
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
             return state.begun_anew(state.due_s)
-        noise = self._noise(balance, state)
-        variances, directions = np.linalg.eigh(state.interval_s * noise)
-        state = state._replace(balance=balance, noise=noise, axes=(variances, directions))
-        state = self._averaged(state, measured, float(theta[0]), seen[-1].q, dt)
+        state = self._averaged(state._replace(balance=balance), measured, float(theta[0]), seen[-1].q, dt)
         told = self._told(state, measured, learned, float(theta[0]), bent)
         stage = next_stage(state.stage, told, dt) if self._may_tell(state, learned) else state.stage
         slow, covariance = told.slow
@@ -250,9 +240,7 @@ class ForceObserver:
             with contextlib.suppress(ModelError, np.linalg.LinAlgError):
                 held = hold(self.force, state.held, place, learned, part, dt)
         tip = self.balancer.fine.pose(balance.x, self.balancer.fine.length)[:3, 3]
-        swings = _SWINGS * told.inertia_kg * stage.swing * float(np.linalg.norm(told.gravity))
-        covariance = stage.doubt * covariance + swings**2 * np.eye(3)
-        external = ExternalForce(slow, covariance, stage.stage, stage.mass_free, tip)
+        external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.mass_free, tip)
         return state._replace(stage=stage, held=held, external=external)
 
     def _averaged(
@@ -260,11 +248,11 @@ class ForceObserver:
     ) -> ForceState:
         """Return the state with the force of its new balance in both averages, and the motion of the tip."""
         assert state.balance is not None
-        assert state.axes is not None
         jacobian = self.arm.jacobian(q, state.place)[3:]
         acceleration = float(np.linalg.norm(jacobian @ measured.qdd))
         inertia = (self._inertia_kg(mass_kg) * acceleration) ** 2 / self.config.fast_per_s
-        noisy, rate = NoisyForce(state.balance.force_n, state.axes, inertia), self.config.low_pass_per_s
+        density = state.interval_s * self._noise(state.balance, state)
+        noisy, rate = NoisyForce(state.balance.force_n, density, inertia), self.config.low_pass_per_s
         speed = velocity = jacobian @ measured.qd
         if state.speed is not None:
             speed = state.speed + _part_of(_STEADY_PER_S, dt) * (velocity - state.speed)
@@ -284,13 +272,12 @@ class ForceObserver:
         assert average is not None
         assert of_any is not None
         assert speed is not None
-        assert state.noise is not None
-        assert state.axes is not None
-        doubt = self._doubt(balance, measured, learned, bent)
+        noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned, bent)
+        density = state.interval_s * noise
         return ForceSeen(
-            (balance.force_n, self._part(state, self.config.fast_per_s) * state.noise + doubt),
-            (average.force_n, covariance_of(average, state.axes) + doubt),
-            (of_any.force_n, covariance_of(of_any, state.axes) + doubt),
+            (balance.force_n, self._part(state, self.config.fast_per_s) * noise + doubt),
+            (average.force_n, covariance_of(average, density) + doubt),
+            (of_any.force_n, covariance_of(of_any, density) + doubt),
             self.balancer.fine.tables.gravity,
             self.arm.robot.tip_mass + mass_kg,
             self._inertia_kg(mass_kg),

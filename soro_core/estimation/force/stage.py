@@ -124,36 +124,20 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     dt : float
         Time since the last estimate [s].
     """
-    fast, gravity = seen.fast, seen.gravity
+    fast, slow, of_any, gravity, load_kg, inertia_kg, acceleration, moves = seen
+    # What the model misses while it learns comes and goes with the motion; a force from outside is new.
+    size = _size(*fast)
+    usual = state.usual
+    fast_size = _size(fast[0], _beside_weakest(fast[0], state.doubt * fast[1]))
     # A load that swings pulls aside by as much of its weight as its acceleration is of gravity.
     weight = max(float(np.linalg.norm(gravity)), 1e-9)
-    swing = max(math.exp(-dt / _SWING_S) * state.swing, seen.acceleration / weight)
-    size, usual = _size(*fast), state.usual
-    fast_size = _size(fast[0], _beside_weakest(fast[0], state.doubt * fast[1]))
-    force_s = state.force_s + dt if fast_size > _FORCE else 0.0
-    left_s = max(state.left_s - dt, 0.0)
-    if state.stage != "free":
-        after = _pushed(state._replace(force_s=force_s, left_s=left_s, swing=swing), seen, size, dt)
-    elif force_s > _FORCE_S + 0.5 * dt:
-        after = StageState("outside force", force_s, outside_s=dt * seen.moves, swing=swing, usual=usual)
-    else:
-        after = StageState(force_s=force_s, left_s=left_s, swing=swing, usual=usual)
-    # What the model misses while it learns comes and goes with the motion; a force from outside is new.
-    if after.stage == "free" and fast_size <= _FORCE:
-        usual = after.usual + (1.0 - math.exp(-dt / _USUAL_S)) * (size - after.usual)
-        after = after._replace(usual=usual)
-    return after
-
-
-def _pushed(state: StageState, seen: ForceSeen, size: float, dt: float) -> StageState:
-    """Return the stage after an estimate under a force from outside, of such a square in its deviations."""
-    fast, slow, of_any, gravity, load_kg, inertia_kg, _, moves = seen
-    weight, swing = float(np.linalg.norm(gravity)), state.swing
+    swing = max(math.exp(-dt / _SWING_S) * state.swing, acceleration / weight)
     aside = swing**2 * float(of_any[0] @ of_any[0]) * np.eye(3)
     told = of_any[0], state.doubt * of_any[1]
-    in_swing = told[0], told[1] + aside
+    rest = _rest(told[0], told[1] + aside, gravity, load_kg)
+    force_s = state.force_s + dt if fast_size > _FORCE else 0.0
     strength = _across(*slow)
-    largest_n = max(state.largest_n, strength)
+    largest_n = 0.0 if state.stage == "free" else max(state.largest_n, strength)
     # The error of the force of inertia hides a small rest of a force, not the force.
     still = np.eye(3) * (inertia_kg * weight * swing if strength < _LEFT * largest_n else 0.0) ** 2
     is_gone = all(
@@ -161,14 +145,15 @@ def _pushed(state: StageState, seen: ForceSeen, size: float, dt: float) -> Stage
         for (force, covariance), most in ((fast, _FORCE), (slow, _NO_FORCE))
     )
     gone_s = state.gone_s + dt if is_gone else 0.0
-    no_load_s = state.no_load_s + dt if _rest(*in_swing, gravity, load_kg) > _NO_LOAD else 0.0
+    no_load_s = state.no_load_s + dt if rest > _NO_LOAD else 0.0
     # Without the doubt by the swing, in which everything is a load.
     is_load = _rest(*told, gravity, load_kg) < _A_LOAD
-    is_likelier = is_load and _likelier(*in_swing, gravity) > _LIKELIER
     load_s = state.load_s + dt if is_load else 0.0
-    likelier_s = state.likelier_s + dt if is_likelier else 0.0
-    stage, left_s, usual = state.stage, state.left_s, state.usual
-    if gone_s > _GONE_S:
+    likelier_s = state.likelier_s + dt if is_load and _likelier(*told, gravity) > _LIKELIER else 0.0
+    stage, left_s = state.stage, max(state.left_s - dt, 0.0)
+    if stage == "free" and force_s > _FORCE_S + 0.5 * dt:
+        stage, no_load_s, load_s, likelier_s, left_s = "outside force", 0.0, 0.0, 0.0, 0.0
+    elif stage != "free" and gone_s > _GONE_S:
         stage, left_s = "free", _LEFT_S
     elif stage == "outside force" and (likelier_s > _LOAD_S or state.outside_s > _LEARNED_S):
         # A load is learned with all else, and is usual at once: it is not to come again as a force.
@@ -178,7 +163,9 @@ def _pushed(state: StageState, seen: ForceSeen, size: float, dt: float) -> Stage
     elif stage == "contact" and load_s > _A_LOAD_S:
         stage = "outside force"
     outside_s = state.outside_s + dt * moves if stage == "outside force" else 0.0
-    times = state.force_s, gone_s, no_load_s, load_s, likelier_s, outside_s, left_s
+    if stage == "free" and fast_size <= _FORCE:
+        usual += (1.0 - math.exp(-dt / _USUAL_S)) * (size - usual)
+    times = force_s, gone_s, no_load_s, load_s, likelier_s, outside_s, left_s
     return StageState(stage, *times, largest_n, swing, usual)
 
 

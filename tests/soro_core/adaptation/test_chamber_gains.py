@@ -58,8 +58,8 @@ def test_no_chamber_is_named_that_is_like_the_others(gains):
 @pytest.mark.parametrize("slope", [4.6, 2.0, -2.0])
 def test_an_area_slope_is_adopted_and_found(slope):
     _, state = taught(with_chambers(slope=slope))
-    print(state.chambers, state.rival)
-    assert state.rival.adopted == "slopes"
+    print(state.chambers, state.slopes)
+    assert state.slopes.adopted
     assert state.chambers[3] == pytest.approx(slope, abs=0.3)
     assert state.note == ""
 
@@ -67,8 +67,8 @@ def test_an_area_slope_is_adopted_and_found(slope):
 @pytest.mark.parametrize("gains", [(1.0, 1.0, 1.0), (1.0, 0.6, 1.0)])
 def test_no_slope_is_adopted_that_predicts_nothing(gains):
     _, state = taught(with_chambers(gains))
-    print(state.rival)
-    assert state.rival.adopted != "slopes"
+    print(state.slopes)
+    assert not state.slopes.adopted
     assert state.chambers[3] == 0.0
 
 

@@ -147,10 +147,10 @@ CHORD = np.array([0.3, 0.0, -0.954])
 BENT = 2e-3**2 * np.eye(3) + 0.06**2 * np.outer(CHORD, CHORD)
 
 
-def bent(seconds, force, covariance=BENT, state=None, moves=False, acceleration=0.0):
+def bent(seconds, force, covariance=BENT, state=None, moves=False):
     state, pair = state or StageState(usual=1.0), (np.asarray(force), covariance)
     for _ in range(round(seconds / DT)):
-        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, 0.02, 0.01, acceleration, moves), DT)
+        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, 0.02, 0.01, 0.0, moves), DT)
     return state
 
 
@@ -161,13 +161,6 @@ def test_a_push_in_the_plane_of_gravity_is_not_taken_for_a_load():
     assert bent(5.0, (0.05, 0.0, 0.0), doubtful).stage == "outside force"
     assert bent(0.6, (0.05, 0.0, 0.0), 0.25 * BENT).stage == "contact"
     assert bent(0.4, (0.0, 0.0, -0.15)).stage == "free"
-
-
-def test_what_looks_like_a_load_in_a_swing_is_not_yet_one():
-    """A push that makes a bent arm swing pulls down in one half of each swing."""
-    swings = bent(0.6, (0.0, 0.0, -0.15), acceleration=2.5)
-    assert swings.stage == "outside force"
-    assert bent(1.5, (0.0, 0.0, -0.15), state=swings).stage == "free"
 
 
 def test_what_stays_undecided_while_the_arm_moves_is_learned():
@@ -192,15 +185,14 @@ def test_a_force_that_begins_does_not_become_usual():
 def test_noise_along_the_chord_does_not_reach_what_is_across_it():
     density = 1e-2 * (2e-3**2 * np.eye(3) + 0.2**2 * np.outer(CHORD, CHORD))
     rng, root, found, average = np.random.default_rng(1), np.linalg.cholesky(density / DT), [], None
-    axes = np.linalg.eigh(density)
     for k in range(400):
         true = np.array([0.1 if k >= 200 else 0.0, 0.0, 0.0])
-        average = averaged(average, NoisyForce(true + root @ rng.standard_normal(3), axes, 0.0), 8.0, DT)
+        average = averaged(average, NoisyForce(true + root @ rng.standard_normal(3), density, 0.0), 8.0, DT)
         found.append(average.force_n - true)
     tip = np.array([0.95, 0.0, 0.3])  # across the tip, not across the chord
     assert np.abs(np.array(found[100:200]) @ tip).max() < 2e-3
     assert np.abs(np.array(found[205:]) @ tip).max() < 12e-3
-    kept = covariance_of(average, axes)
+    kept = covariance_of(average, density)
     assert np.sqrt(CHORD @ kept @ CHORD) > 5.0 * np.sqrt(kept[1, 1])
 
 
@@ -329,9 +321,6 @@ def test_a_push_on_a_bent_arm_at_rest_is_told_at_once_and_stays():
     late = [(one, tip) for t, one, tip, _ in found if t > 6.0]
     across = [one.tip_pose[:3, :2].T @ (one.external.force_n - push) for one, _ in late]
     assert np.linalg.norm(np.mean(across, axis=0)) < 6e-3
-    # A swing leaves some of the force of inertia, and the deviation says so.
-    swings = [np.sqrt(one.external.covariance[1, 1]) for t, one, _, _ in found if 5.2 < t < 5.4]
-    assert np.mean(swings) > 1.5 * np.sqrt(late[-1][0].external.covariance[1, 1])
     early = [one.external.force_n[0] for t, one, _, _ in found if 5.3 < t < 6.0]
     assert 0.05 < min(early) <= max(early) < 0.15
     assert "contact" in {one.external.stage for one, _ in late}

@@ -17,9 +17,10 @@ from scipy.spatial import cKDTree
 from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Mesh, make_mesh
+from soro_design.fem.meshes.mesh_files import refined
 from soro_design.topology.domain import Domain
 from soro_design.topology.physics.grid import Grid
-from soro_design.topology.tetrahedra import cut_tetrahedra, edges_of, tetrahedra, turned, with_middles
+from soro_design.topology.tetrahedra import cut_tetrahedra, edges_of, tetrahedra, turned
 
 # A node whose edge is cut nearer than this share of the edge moves onto the contour.
 SNAP = 0.25
@@ -178,5 +179,5 @@ def _wanted(domain: Domain, points: Array, cells: Integers) -> Mesh:
     used, numbers = np.unique(cells[np.isin(label, np.unique(label[is_there]))], return_inverse=True)
     kept, found = numbers.reshape(-1, 4), points[used]
     if domain.task.space == "solid":
-        return make_mesh("tet10", "solid", *with_middles(found, kept))
+        return make_mesh("tet10", "solid", *refined(found, kept)[:2])
     return make_mesh("quad4", domain.task.space, found, kept)

@@ -1,8 +1,7 @@
 """The solid of a design in space: the tetrahedra of its grid, cut along the contour.
 
-Each cell is five tetrahedra, every other cell mirrored, so that their edges meet those of the next one. A
-tetrahedron that the contour cuts leaves a tetrahedron or a wedge; the diagonals of a wedge begin at its least
-node, so that neighbours agree about them.
+A tetrahedron that the contour cuts leaves a tetrahedron or a wedge; the diagonals of a wedge begin at its
+least node, so that neighbours agree about them.
 """
 
 from __future__ import annotations
@@ -10,15 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from soro_core.arrays import Array, Integers
+from soro_design.fem.meshes.blocks import AROUND_DIAGONAL
 from soro_design.topology.physics.grid import Grid
 
-# Corners of the tetrahedra of a cell, and of its mirror image.
-_FIVE = ((1, 3, 4, 6), (0, 1, 3, 4), (2, 3, 1, 6), (5, 4, 6, 1), (7, 6, 4, 3))
-_OTHER = ((0, 5, 2, 7), (1, 2, 0, 5), (3, 0, 2, 7), (4, 5, 0, 7), (6, 7, 2, 5))
 # Turns of a wedge (0, 1, 2 below 3, 4, 5) that bring each node to its first place.
 _TURNS = ((0, 1, 2, 3, 4, 5), (1, 2, 0, 4, 5, 3), (2, 0, 1, 5, 3, 4))
-# Ends of the edges whose middles tet10 has, in its order.
-_MIDDLES = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
 _TURNED_OVER = tuple(tuple(turn[k] for k in (3, 5, 4, 0, 2, 1)) for turn in _TURNS)
 _WEDGE = np.array((*_TURNS, *(tuple(t) for t in _TURNED_OVER)))
 _ONE_DIAGONAL = ((0, 1, 2, 5), (0, 1, 5, 4), (0, 4, 5, 3))
@@ -27,12 +22,7 @@ _OTHER_DIAGONAL = ((0, 1, 2, 4), (0, 4, 2, 5), (0, 4, 5, 3))
 
 def tetrahedra(grid: Grid) -> Integers:
     """Return the corners (t, 4) of the tetrahedra of a grid of hex8."""
-    place = np.stack(np.unravel_index(np.arange(len(grid.mesh.cells)), grid.counts), axis=1)
-    is_even = place.sum(axis=1) % 2 == 0
-    parts = [
-        grid.mesh.cells[some][:, np.array(five)] for some, five in ((is_even, _FIVE), (~is_even, _OTHER))
-    ]
-    return np.concatenate([part.reshape(-1, 4) for part in parts])
+    return np.asarray(grid.mesh.cells[:, np.array(AROUND_DIAGONAL)].reshape(-1, 4))
 
 
 def edges_of(cells: Integers) -> Integers:
@@ -97,11 +87,3 @@ def _divided(wedges: Integers) -> Integers:
         for some, diagonal in ((is_one, _ONE_DIAGONAL), (~is_one, _OTHER_DIAGONAL))
     ]
     return np.concatenate(parts)
-
-
-def with_middles(points: Array, cells: Integers) -> tuple[Array, Integers]:
-    """Return points and cells (t, 10) of tet10 with straight edges from tetrahedra (t, 4)."""
-    edges = np.sort(cells[:, np.array(_MIDDLES)].reshape(-1, 2), axis=1)
-    used, numbers = np.unique(edges, axis=0, return_inverse=True)
-    middles = numbers.reshape(len(cells), 6) + len(points)
-    return np.concatenate([points, points[used].mean(axis=1)]), np.concatenate([cells, middles], axis=1)

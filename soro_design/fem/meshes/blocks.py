@@ -13,9 +13,9 @@ from soro_design.fem.elements.element import SOLIDS, element
 from soro_design.fem.elements.mesh import Mesh, Space, make_mesh
 
 # Nodes of the six tetrahedra around a diagonal of the cube [-1, 1]^3.
-_PATHS = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
+AROUND_DIAGONAL = ((0, 1, 2, 6), (0, 2, 3, 6), (0, 3, 7, 6), (0, 7, 4, 6), (0, 4, 5, 6), (0, 5, 1, 6))
 _SHARES = np.insert(element("tet10").nodes, 0, 1.0 - element("tet10").nodes.sum(axis=1), axis=1)
-_TETS = _SHARES @ element("hex8").nodes[np.array(_PATHS)]
+_TETS = _SHARES @ element("hex8").nodes[np.array(AROUND_DIAGONAL)]
 
 
 def grid(kind: str, counts: tuple[int, ...]) -> tuple[Array, Integers]:

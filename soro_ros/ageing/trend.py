@@ -62,7 +62,7 @@ class Ageing:
     since : RunEntry or None
         The run from which on the error is beyond `AGAIN` times that; None where the newest one is not.
     trends : tuple of Trend
-        Of the stiffness, then of what was learned.
+        That of the stiffness first, then one for each learned number.
     """
 
     runs: tuple[RunEntry, ...]

@@ -58,19 +58,15 @@ class BodyTick:
         }
 
     def force(self, name: str) -> Array:
-        """Sum of the contact forces (3,) [N] on a body or an arm."""
-        found = np.zeros(3)
-        for (one, other), (push, _, _) in self.pushes.items():
-            if name in (one, other):
-                found = found + push if name == one else found - push
-        return found
+        """Sum of the contact forces (3,) [N] on a body or an arm; an arm that touches itself gets none."""
+        return self.wrench(name, np.zeros(3))[0]
 
     def wrench(self, name: str, point: Array) -> tuple[Array, Array]:
         """Contact forces (3,) [N] on a body or an arm in all, and their torque about a point [N m]."""
-        force, torque = self.force(name), np.zeros(3)
-        for (one, other), (_, turn, _) in self.pushes.items():
-            if name in (one, other):
-                torque = torque + turn if name == one else torque - turn
+        force, torque = np.zeros(3), np.zeros(3)
+        for (one, other), (push, turn, _) in self.pushes.items():
+            sign = float(name == one) - float(name == other)
+            force, torque = force + sign * push, torque + sign * turn
         return force, torque - np.cross(point, force)
 
 
@@ -81,7 +77,7 @@ class TwinBodies:
     ----------
     bodies : mapping of str to RigidBody
     twins : mapping of str to Twin
-        Of each arm by its name; their `held` is true.
+        Of each arm by its name, with a `bodies_file`.
     states : sequence of TwinState
         Of the twins at the start.
 

@@ -8,7 +8,7 @@ from soro_core.config import with_changes
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
 from soro_core.twin import Twin, TwinConfig
-from soro_core.twin.bodies import TwinBodies
+from soro_core.twin.bodies import BodyTick, TwinBodies
 
 CONFIG = TwinConfig(refine=1, bodies_file="scene.yaml", pressures="measured")
 WALL = {
@@ -65,6 +65,14 @@ def test_a_torque_is_that_about_a_point(leaning):
     _, about_point = now.wrench("wall", np.array([0.0, 0.0, 0.1]))
     np.testing.assert_allclose(about_point, about_origin - np.cross([0.0, 0.0, 0.1], force))
     assert np.abs(about_origin).max() > 1e-4
+
+
+def test_an_arm_that_touches_itself_is_pushed_by_nothing(leaning):
+    _, _, now = leaning
+    tick = BodyTick(now.state, None, now.names)
+    vars(tick)["pushes"] = {("arm", "arm"): (np.ones(3), np.ones(3), 1.0)}
+    for part in tick.wrench("arm", np.zeros(3)):
+        np.testing.assert_array_equal(part, 0.0)
 
 
 @pytest.mark.parametrize(

@@ -57,12 +57,11 @@ class BodyTick:
             for (one, other), row in zip(sides.tolist(), sums, strict=True)
         }
 
-    def force(self, name: str) -> Array:
-        """Sum of the contact forces (3,) [N] on a body or an arm; an arm that touches itself gets none."""
-        return self.wrench(name, np.zeros(3))[0]
-
     def wrench(self, name: str, point: Array) -> tuple[Array, Array]:
-        """Contact forces (3,) [N] on a body or an arm in all, and their torque about a point [N m]."""
+        """Contact forces (3,) [N] on a body or an arm in all, and their torque about a point [N m].
+
+        An arm that touches itself gets none.
+        """
         force, torque = np.zeros(3), np.zeros(3)
         for (one, other), (push, turn, _) in self.pushes.items():
             sign = float(name == one) - float(name == other)
@@ -126,7 +125,7 @@ class TwinBodies:
                 state,
                 arm=self.now.state.arms[name],
                 status=result.status,
-                touched_n=self.now.force(name),
+                touched_n=self.now.wrench(name, np.zeros(3))[0],
             )
             for name, state in zip(self._twins, behind, strict=True)
         ]

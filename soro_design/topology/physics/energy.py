@@ -36,8 +36,8 @@ class Elements(NamedTuple):
     ----------
     law : ndarray
         Numbers of the material.
-    is_averaged : bool
-        Whether an element has one volume ratio, the mean of J.
+    shared : float
+        Share of the bulk modulus that acts on the mean of J of an element.
     cells : ndarray of int, (e, a)
         Nodes of the elements.
     kind : ndarray of int, (e,)
@@ -51,7 +51,7 @@ class Elements(NamedTuple):
     """
 
     law: Array
-    is_averaged: bool
+    shared: float
     cells: Integers
     kind: Integers
     slope: Array
@@ -97,12 +97,12 @@ def assemble(
     and those before, as in `respond_element`; `into`: position (e, a d, a d) says where in `data` the
     stiffness goes. Without `data` there is none. A bad element has J <= 0 in its solid.
     """
-    law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
+    law, shared, cells, kind, slope, hoop, volume, shape, small = elements
     kappa, gamma = scale
     position, data = into
     n, d = slope.shape[2:]
     size = n * d
-    of, f, K = ElementLaw(law, is_averaged), np.empty(size), np.empty((size, size))
+    of, f, K = ElementLaw(law, shared), np.empty(size), np.empty((size, size))
     of_cell, scaled, earlier = np.empty((n, d)), np.empty((n, d)), np.empty((n, d))
     p, work = np.empty(n), make_work(size)
     u, before = at
@@ -160,12 +160,12 @@ def sensitivities(
     The columns: of the stored energy by kappa and by gamma, then of adjoint . force by both. Of the pressure
     there is only adjoint . force.
     """
-    law, is_averaged, cells, kind, slope, hoop, volume, shape, small = elements
+    law, shared, cells, kind, slope, hoop, volume, shape, small = elements
     kappa, gamma = scale
     by_element, by_pressure = by
     n, d = slope.shape[2:]
     size = n * d
-    of, f, work = ElementLaw(law, is_averaged), np.empty(size), make_work(size)
+    of, f, work = ElementLaw(law, shared), np.empty(size), make_work(size)
     fs, Ks = work.force, work.stiffness
     of_cell, scaled, x, y = np.empty((n, d)), np.empty((n, d)), np.empty(size), np.empty(size)
     by_pressure[:] = 0.0

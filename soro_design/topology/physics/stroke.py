@@ -124,10 +124,10 @@ class Stroke:
         size = nodes * d
         cells = np.arange(nodes * n, dtype=np.int64).reshape(n, nodes)
         position = np.arange(size * size * n, dtype=np.int64).reshape(n, size, size)
-        is_averaged = isinstance(self.material, Hyperelastic)
+        shared = float(isinstance(self.material, Hyperelastic))
         tables = (grid.slope, grid.hoop, grid.volume, grid.shape)
         alone = Elements(
-            self.material.law, is_averaged, cells, np.arange(n), *tables, np.zeros_like(position, float)
+            self.material.law, shared, cells, np.arange(n), *tables, np.zeros_like(position, float)
         )
         data, zero, one = np.zeros(position.size), np.zeros((nodes * n, d)), np.ones(n)
         assemble(alone, (one, one), zero[:, 0].copy(), (zero, zero), zero.copy(), (position, data))

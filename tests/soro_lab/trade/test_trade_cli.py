@@ -110,7 +110,7 @@ def check_same_errors(soro, tmp_path, *several):
     first, second = found("one"), found("two")
     both = first.keys() & second.keys()  # the second pass depends on times
     assert len(both) >= 6
-    assert all(first[key] == second[key] for key in both)
+    assert {key: first[key] for key in both} == {key: second[key] for key in both}
 
 
 @pytest.mark.slow

@@ -88,7 +88,8 @@ def wet_faces(domain: Domain, cut: Contour, found: Flood, mesh: Mesh) -> tuple[I
 def on_border(ends: Array, size: Array) -> tuple[Flags, Flags]:
     """Return which faces with ends (f, m, d) lie in planes of the grid, at 0 and at its size: both (f, d)."""
     near = 1e-9 * size
-    return (np.abs(ends) < near).all(axis=1), (np.abs(ends - size) < near).all(axis=1)
+    low, high = (np.asarray((np.abs(ends - at) < near).all(axis=1)) for at in (0.0, size))
+    return low, high
 
 
 def thinnest_wall(mesh: Mesh, wet: Integers, outer: Integers) -> tuple[float, Array]:

@@ -12,6 +12,7 @@ from soro_core.errors import ConfigError, ModelError
 from soro_core.files.units import unit_option
 
 if TYPE_CHECKING:
+    from soro_core.arrays import Array
     from soro_design.topology import FinalPart, OptimiserState, Reanalysis
     from soro_design.topology.domain import Domain
     from soro_design.topology.widths import Widths
@@ -213,7 +214,6 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
     from rich.table import Table
 
     from soro_design.topology import reanalyse, shape
-    from soro_design.topology.physics.grid import place_text
     from soro_design.topology.pictures import picture
     from soro_design.topology.task import Farthest
     from soro_design.topology.widths import PRINTABLE_M, least_widths
@@ -235,7 +235,7 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
     picture(domain, state, found, moved, folder / PICTURE)
     typer.echo(f"written: {folder / 'design.png'}")
     if is_moved and widths.solid_m < PRINTABLE_M:
-        thin = f"{1e3 * widths.solid_m:.2f} mm at {place_text(widths.solid_at)}"
+        thin = _width(widths.solid_m, widths.solid_at)
         least = f"at least {1e3 * PRINTABLE_M:g} mm"
         typer.echo(f"soro: a wall or hinge of {thin} tears or is not printed: {least}", err=True)
     reasons = [reason for reason in (found.leak, moved.cause if moved else "") if reason]
@@ -245,11 +245,15 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
         raise typer.Exit(1)
 
 
+def _width(width_m: float, at: Array) -> str:
+    from soro_design.topology.physics.grid import place_text
+
+    return f"{1e3 * width_m:.3f} mm at {place_text(at)}" if width_m < float("inf") else "none"
+
+
 def _numbers(
     domain: Domain, state: OptimiserState, found: FinalPart, widths: Widths, moved: Reanalysis | None
 ) -> list[tuple[str, str]]:
-    from soro_design.topology.physics.grid import place_text
-
     row = state.rows[-1]
     share = found.volume_m3 / domain.grid.volumes.sum()
     rows = [
@@ -258,9 +262,9 @@ def _numbers(
         ("greyness", f"{row.greyness:.3f}"),
         ("leak", found.leak or "none"),
         ("closed void, nodes", f"{int(found.air.is_closed.sum())}"),
-        ("thinnest wall", f"{1e3 * found.wall_m:.3f} mm at {place_text(found.wall_at)}"),
-        ("least wall or hinge", f"{1e3 * widths.solid_m:.3f} mm at {place_text(widths.solid_at)}"),
-        ("least gap", f"{1e3 * widths.gap_m:.3f} mm at {place_text(widths.gap_at)}"),
+        ("thinnest wall", _width(found.wall_m, found.wall_at)),
+        ("least wall or hinge", _width(widths.solid_m, widths.solid_at)),
+        ("least gap", _width(widths.gap_m, widths.gap_at)),
     ]
     if moved is None:
         return rows

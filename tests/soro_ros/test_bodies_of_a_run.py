@@ -37,6 +37,7 @@ def grasp(tmp_path, *changes):
     status, output, folder = run(
         tmp_path / "runs",
         "mode=lockstep",
+        f"rate_hz={1 / TICK_S:g}",
         f"duration_s={END_S:g}",
         f"platform={platform}",
         *changes,

@@ -32,7 +32,7 @@ from tests.soro_ros.running import (
     summary,
 )
 
-MAIN = ("mode=lockstep", "duration_s=11")
+MAIN = ("mode=lockstep", "duration_s=11", "rate_hz=200")
 
 
 @pytest.fixture(scope="module")
@@ -98,6 +98,7 @@ def test_a_run_in_lockstep_is_recorded_in_its_own_time_until_the_arm_is_empty(ma
 
 SHORT = (
     "mode=lockstep",
+    "rate_hz=200",
     "platform=",
     "duration_s=1.5",
     "twin.air=states",
@@ -224,7 +225,9 @@ def test_the_run_is_a_recording_for_identification(held_up):
 def test_topics_types_and_rates_are_those_of_the_documentation(domain, tmp_path, platform):
     """On regulators that are slower than the loop, those behind TCP, and a platform of another rate."""
     file = patient_platform(tmp_path, platform, real_time=False)
-    status, output, folder = run(tmp_path / "runs", "mode=lockstep", "duration_s=1", f"platform={file}")
+    status, output, folder = run(
+        tmp_path / "runs", "mode=lockstep", "duration_s=1", "rate_hz=200", f"platform={file}"
+    )
     assert status == 0, output
     assert summary(folder)["faults"] == []
     assert summary(folder)["pressure_max_pa"] > 3e3

@@ -72,7 +72,7 @@ def running(domain, tmp_path):
 def test_the_watchdog_vents_100_ms_after_the_last_command_as_shipped(domain, tmp_path):
     """In lockstep, with the shipped limits: the estimator loses its sensor, so no more commands come."""
     platform = patient_platform(tmp_path, real_time=False)
-    changes = ("mode=lockstep", "twin.pose.drop=0.999", f"platform={platform}")
+    changes = ("mode=lockstep", "rate_hz=200", "twin.pose.drop=0.999", f"platform={platform}")
     status, output, folder = run(tmp_path / "runs", *changes)
     assert status == 1, output
     found = summary(folder)
@@ -116,7 +116,7 @@ def test_a_killed_controller_vents_the_valves_and_ends_the_run_with_its_cause(ru
 
 def test_an_arm_goes_on_without_its_recorder_and_is_not_judged(domain, tmp_path):
     clock = ClockListener()
-    process = start_run(tmp_path, "mode=lockstep", "platform=", "duration_s=4", "rate_hz=100")
+    process = start_run(tmp_path, "mode=lockstep", "platform=", "duration_s=4")
     try:
         clock.wait(0.5, COMPILED_S)
         wait_until(lambda: under_control(process, tmp_path), "a bag with something in it")

@@ -14,7 +14,7 @@ from tests.warm import completed
 
 pytestmark = pytest.mark.process
 
-BRIEF = ("mode=lockstep", "platform=", "duration_s=1.5", "controller.law=composite")
+BRIEF = ("mode=lockstep", "rate_hz=200", "platform=", "duration_s=1.5", "controller.law=composite")
 
 
 def again(folder, source, *changes):

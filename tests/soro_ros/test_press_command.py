@@ -145,7 +145,6 @@ def test_nodes_press_on_a_wall_and_say_where_there_is_none(domain, tmp_path):
         "mode=lockstep",
         "platform=",
         "duration_s=600",
-        "rate_hz=100",  # half of the ticks of the scene
         "twin.payload_kg=0",
         f"twin.wall={wall}",
         "controller.reference={kind: set_point, set_point: [0.06, 0.0, 0.0], start_s: 1.0}",

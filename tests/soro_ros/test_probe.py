@@ -31,7 +31,6 @@ def wired_wrong(folder):
 def test_a_run_in_lockstep_names_swapped_chambers_before_its_law_begins(domain, tmp_path):
     """With `warn` the law begins: `test_probing.py`."""
     changes = ("platform=", "mode=lockstep", "duration_s=8.5", "twin.refine=2", "twin.payload_kg=0.0")
-    changes += ("rate_hz=100",)  # half of the ticks of the scene
     changes += (f"twin.plant={wired_wrong(tmp_path)}", "controller.probe_at_enable=refuse")
     status, output, _ = run(tmp_path / "runs", *changes)
     assert status == 1

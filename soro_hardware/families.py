@@ -60,10 +60,6 @@ class Family:
             Returns a monotonic time [s].
         lockstep : bool
             Whether the cycles advance the time of the devices.
-
-        Returns
-        -------
-        Regulator
         """
         regulator: Regulator = self.find(self.driver)(platform, endpoint, clock, lockstep)
         return regulator
@@ -211,9 +207,5 @@ def open_regulator(
     lockstep : bool
         Whether the cycles advance the time of the devices: each cycle waits for its answers, at most
         `lockstep_timeout_s`, and no step waits for the clock.
-
-    Returns
-    -------
-    Regulator
     """
     return find_family(platform.family).open(platform, endpoint, clock, lockstep)

@@ -33,7 +33,6 @@ def node_of(name: str, prefix: str) -> str | None:
     Parameters
     ----------
     name : str
-        Full name of the node.
     prefix : str
         Namespace of the arm, with a slash at both ends.
     """

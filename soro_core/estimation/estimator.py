@@ -96,10 +96,6 @@ class Estimator:
         pressure_pa : ndarray (n_u,), optional
             Pressures [Pa gauge]; 0 by default.
 
-        Returns
-        -------
-        EstimatorState
-
         Raises
         ------
         ModelError

@@ -120,7 +120,6 @@ def unit_of(key: str, section: str = "") -> str:
     Parameters
     ----------
     key : str
-        Name of the key.
     section : str
         Name of the class that checks its section.
     """

@@ -63,12 +63,6 @@ def greedy(information: Information, count: int) -> list[int]:
     """Return the numbers of the candidates, each the one that adds most to those before it.
 
     The value is submodular, so that the sum is at least 1 - 1/e of that of the best set.
-
-    Parameters
-    ----------
-    information : Information
-    count : int
-        Number of sensors.
     """
     chosen: list[int] = []
     for _ in range(count):

@@ -67,10 +67,6 @@ def make_plan(supply: Supply, config: ExciteConfig, where: str) -> ExcitationPla
     where : str
         File or node of the configuration, for errors.
 
-    Returns
-    -------
-    ExcitationPlan
-
     Raises
     ------
     ConfigError

@@ -91,10 +91,6 @@ def fit_frame(
     outlier_scale : float, optional
         Errors e beyond this scale [1/m] have less weight, 1 / sqrt(1 + (e / scale)^2) (soft-L1 loss). None:
         ordinary least squares, in closed form.
-
-    Returns
-    -------
-    MeasurementFrame
     """
     measured, simulated = _pairs(measured, simulated)
     frame = _weighted(measured, simulated, np.ones(len(measured)))

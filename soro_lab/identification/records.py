@@ -98,7 +98,6 @@ def read_columns(
     Parameters
     ----------
     path : path
-        File.
     required : tuple of str
         Required columns; the first is the time, which must rise.
     also : callable, optional
@@ -153,7 +152,6 @@ def read_table(
     path : path
         File, in any layout that `CsvRows` reads; a line of units under the names is skipped.
     required : tuple of str
-        Required columns.
     also : callable, optional
         Predicate of the name that selects other columns; all by default.
     asked_by : mapping of str to str, optional

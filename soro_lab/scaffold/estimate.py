@@ -98,7 +98,6 @@ def modulus_of(section: Section, length: float, area: float, offset: float, n: i
     Parameters
     ----------
     section : Section
-        Of the link.
     length : float
         Of the link [m].
     area, offset : float

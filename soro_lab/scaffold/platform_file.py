@@ -167,7 +167,6 @@ def _noted(
     Parameters
     ----------
     data : mapping
-        The section.
     model : BaseModel
         The same, checked.
     name : str
@@ -175,7 +174,6 @@ def _noted(
     own : mapping
         Origin of the values that do not, by path.
     path : tuple of str
-        Keys of the section.
     """
     tree: dict[str, Any] = {}
     for key, value in data.items():

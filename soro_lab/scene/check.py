@@ -183,7 +183,6 @@ def check_gains(scene: Scene, robot: Robot, where: str) -> str:
     ----------
     scene : Scene
     robot : Robot
-        Robot of the scene.
     where : str
         File of the scene, for the error.
 

@@ -169,12 +169,7 @@ def shipped_folder() -> Path:
 
 
 def scenes_in(folder: Path) -> Listing:
-    """Return the scenes of a folder: the YAML files all of whose keys are those of a scene.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Return the scenes of a folder: the YAML files all of whose keys are those of a scene."""
     scenes, wrong, others = [], [], []
     for file in sorted(folder.glob("*.yaml")):
         try:

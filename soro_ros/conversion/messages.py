@@ -59,7 +59,6 @@ def chambers(names: Sequence[str], pressure_pa: Array, stamp_ns: int) -> JointSt
     Parameters
     ----------
     names : sequence of str
-        Names of the chambers.
     pressure_pa : ndarray (n_u,)
         Pressures [Pa gauge].
     stamp_ns : int
@@ -111,7 +110,6 @@ def without_reading(pressure_pa: Array, names: Sequence[str]) -> str:
     pressure_pa : ndarray (n_u,)
         Readings [Pa gauge]; NaN for the chambers of a silent device.
     names : sequence of str
-        Names of the chambers.
     """
     if math.isfinite(float(pressure_pa.sum())):
         return ""
@@ -138,7 +136,6 @@ def arm_state(names: Sequence[str], q: Array, qd: Array, force: Array, stamp_ns:
     Parameters
     ----------
     names : sequence of str
-        Names of the coordinates.
     q, qd, force : ndarray (n_q,)
         Coordinates, rates and generalised force.
     stamp_ns : int

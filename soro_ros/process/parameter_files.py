@@ -29,7 +29,6 @@ def given_by_name(arguments: Sequence[str], node: str) -> set[str]:
     Parameters
     ----------
     arguments : sequence of str
-        Command line.
     node : str
         Name of the node, without its namespace.
 

@@ -46,7 +46,6 @@ def descriptor(name: str, field: FieldInfo) -> ParameterDescriptor:
     Parameters
     ----------
     name : str
-        Name of the parameter.
     field : FieldInfo
         Its field in the configuration model.
     """

@@ -91,9 +91,7 @@ def make_folder(parent: Path, scene: Scene, where: str) -> Path:
     Parameters
     ----------
     parent : Path
-        Folder of the runs.
     scene : Scene
-        Scene as it is used.
     where : str
         Its file.
     """
@@ -104,14 +102,7 @@ def make_folder(parent: Path, scene: Scene, where: str) -> Path:
 
 
 def with_robot_files(scene: Scene, folder: Path) -> Scene:
-    """Return a scene whose nodes read each robot at its place: from a file in the folder of the run.
-
-    Parameters
-    ----------
-    scene : Scene
-    folder : Path
-        Folder of the run.
-    """
+    """Return a scene whose nodes read each robot at its place: from a file in the folder of the run."""
     if scene.arms:
         return scene.with_arms({name: with_robot_files(arm, folder) for name, arm in scene.arms.items()})
     if not scene.place:
@@ -147,7 +138,6 @@ def watch_time(run: Run, supervisor: RunMonitor, scene: Scene, console: Console)
     scene : Scene
         What runs.
     console : Console
-        Shows progress.
 
     Raises
     ------
@@ -205,9 +195,7 @@ def execute(
     Parameters
     ----------
     scene : Scene
-        What to run.
     folder : Path
-        Folder of the run.
     interrupted : list of int
         Signals that end the run, see `signals.noted`.
     console : Console
@@ -216,10 +204,6 @@ def execute(
         Nodes between readings and commands; default: estimator and controller.
     watch : callable
         Returns when the run is over, or raises what ends it.
-
-    Returns
-    -------
-    End
     """
     from soro_ros.run.compose import Run
     from soro_ros.run.forks import ForkServer

@@ -97,13 +97,7 @@ def marks(name: str, found: ArmIdentification, odd: Sequence[Unphysical]) -> Ite
 
 
 def origin(name: str, found: ArmIdentification) -> str:
-    """Return where a number comes from.
-
-    Parameters
-    ----------
-    name : str
-    found : ArmIdentification
-    """
+    """Return where a number comes from."""
     if name.startswith("frame/"):
         return "identified, of the measurement"
     if name in found.kept:

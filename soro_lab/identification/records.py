@@ -1,4 +1,4 @@
-"""Recorded runs of one segment, as CSV: forced motion (pressures, curvatures) and release (bending angle)."""
+"""Columns of CSV files, and the forced motion of one segment: pressures and curvatures."""
 
 from __future__ import annotations
 
@@ -53,22 +53,6 @@ class ForcedRun:
         return np.column_stack([np.interp(t, self.t, column) for column in self.curvature.T])
 
 
-@dataclass(frozen=True)
-class ReleaseRun:
-    """Bending angle after the release of the tip.
-
-    Attributes
-    ----------
-    t : array of shape (n_t,)
-        Time [s], from 0.
-    bend : array of shape (n_t,)
-        Bending angle kappa L (1 + eps) [rad].
-    """
-
-    t: Array
-    bend: Array
-
-
 def read_forced(path: str | Path) -> ForcedRun:
     """Read a forced run with the columns t [s], p1, p2, ... [Pa gauge], kx, ky [1/m].
 
@@ -82,12 +66,6 @@ def read_forced(path: str | Path) -> ForcedRun:
     return ForcedRun(
         columns["t"], np.column_stack(pressures), np.column_stack([columns["kx"], columns["ky"]])
     )
-
-
-def read_release(path: str | Path) -> ReleaseRun:
-    """Read a release with the columns t [s] and bend_deg [degrees]; errors as `read_forced`."""
-    columns = read_columns(path, ("t", "bend_deg"))
-    return ReleaseRun(columns["t"] - columns["t"][0], np.radians(columns["bend_deg"]))
 
 
 def read_columns(

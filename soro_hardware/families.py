@@ -160,12 +160,7 @@ def parse_platform(data: Mapping[str, Any], where: str) -> PlatformBase:
 
 
 def load_platform(name_or_path: str | Path) -> PlatformBase:
-    """Read a platform file.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Name of a shipped file (``emulated_canopen``) or a path that ends in .yaml.
+    """Read a platform file, or a shipped one by its name (``emulated_canopen``).
 
     Raises
     ------

@@ -65,13 +65,7 @@ def platform_name(given: str, n_chambers: int) -> str:
 
 
 def platform_tree(arm: ArmSetting, name: str) -> dict[str, Any]:
-    """Return the platform file as a tree of `Noted` values.
-
-    Parameters
-    ----------
-    arm : ArmSetting
-    name : str
-        Shipped file that it follows.
+    """Return the platform file, after a shipped one, as a tree of `Noted` values.
 
     Raises
     ------

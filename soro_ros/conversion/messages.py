@@ -103,14 +103,7 @@ def format_names(names: Sequence[str]) -> str:
 
 
 def without_reading(pressure_pa: Array, names: Sequence[str]) -> str:
-    """Return the chambers without a finite reading; empty if there is none.
-
-    Parameters
-    ----------
-    pressure_pa : ndarray (n_u,)
-        Readings [Pa gauge]; NaN for the chambers of a silent device.
-    names : sequence of str
-    """
+    """Return the chambers whose reading [Pa gauge] is NaN, as of a silent device; empty if there is none."""
     if math.isfinite(float(pressure_pa.sum())):
         return ""
     return ", ".join(name for name, known in zip(names, np.isfinite(pressure_pa), strict=True) if not known)

@@ -33,14 +33,7 @@ _EXPERIMENTS = {
 
 
 def robot_text(found: ArmIdentification, sources: Sequence[str]) -> str:
-    """Return the robot file.
-
-    Parameters
-    ----------
-    found : ArmIdentification
-    sources : sequence of str
-        Names of the recordings.
-    """
+    """Return the robot file, with the names of the recordings."""
     keys = fields(found.robot)
     keys["links"] = [_plain(link) for link in keys["links"]]
     lines = [

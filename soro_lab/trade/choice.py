@@ -51,7 +51,7 @@ def with_chosen_model(scene: Scene, cache: Cache | None = None, called: str = ""
             "auto, and no measured choice for it",
             f"run first: soro trade {name} {scene.model.requirement.options}",
         )
-    return scene.with_model(ModelSection.model_validate(found))
+    return scene.with_keys(model=ModelSection.model_validate(found))
 
 
 def _key(scene: Scene, requirement: Requirement) -> str:

@@ -39,20 +39,18 @@ if TYPE_CHECKING:  # with the model's code
 
 
 # Keys of the whole run, which no arm has of its own.
-OF_RUN = tuple(
-    [
-        "name",
-        "arms",
-        "bodies",
-        "mode",
-        "rate_hz",
-        "duration_s",
-        "recorder",
-        "valves",
-        "arm",
-        "markers",
-        "measured",
-    ]
+OF_RUN = (
+    "name",
+    "arms",
+    "bodies",
+    "mode",
+    "rate_hz",
+    "duration_s",
+    "recorder",
+    "valves",
+    "arm",
+    "markers",
+    "measured",
 )
 
 

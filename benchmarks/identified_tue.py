@@ -11,16 +11,10 @@ import numpy as np
 
 from benchmarks.options import Options
 from benchmarks.report import figure, table
+from benchmarks.segment_runs import fit_frame, forced_curvature, read_release, release_bend
 from soro_core.model import SoftArm
 from soro_core.robot import Robot, load_robot
-from soro_lab.identification import (
-    curvature_errors,
-    fit_frame,
-    forced_curvature,
-    read_forced,
-    read_release,
-    release_bend,
-)
+from soro_lab.identification import curvature_errors, read_forced
 from soro_lab.identification.arm.cases.case import Whole
 from soro_lab.identification.arm.cases.initial_conditions import start_numbers
 from soro_lab.identification.arm.cases.parameters import numbers_of, with_numbers

@@ -45,10 +45,10 @@ from soro_hardware import load_platform
 from soro_hardware.canopen.config import CanopenPlatform
 from soro_hardware.canopen.driver import CanopenRegulator
 from soro_hardware.emulation.devices import EmulatedDevices
-from soro_hardware.testing.hub_bus import HubBus
 from soro_lab.commands.identify import identify
 from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
+from tests.soro_hardware.hub_bus import HubBus
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("soro_core", "soro_hardware", "soro_lab", "soro_design", "soro_ros")

@@ -204,7 +204,6 @@ def check_offsets(names: tuple[str, ...], pressure_pa: Array, noise_pa: Array) -
     Parameters
     ----------
     names : tuple of str
-        Names of the chambers.
     pressure_pa, noise_pa : ndarray (n,)
         Mean and standard deviation of the readings [Pa gauge].
     """

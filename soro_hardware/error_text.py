@@ -25,14 +25,9 @@ _DO = {
 
 
 def reason(error: BaseException) -> str:
-    """Return the reason of a failed call in one line, without error numbers.
+    """Return the reason of a failed call, or of a library's error that wraps it, in one line without numbers.
 
     Libraries wrap errors of the system and repeat their text.
-
-    Parameters
-    ----------
-    error : Exception
-        An `OSError`, or an error of a library (pyserial, termios) that wraps one.
     """
     number = _number(error) or (_number(error.__context__) if error.__context__ else None)
     if number is None:

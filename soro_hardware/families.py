@@ -60,10 +60,6 @@ class Family:
             Returns a monotonic time [s].
         lockstep : bool
             Whether the cycles advance the time of the devices.
-
-        Returns
-        -------
-        Regulator
         """
         regulator: Regulator = self.find(self.driver)(platform, endpoint, clock, lockstep)
         return regulator
@@ -164,12 +160,7 @@ def parse_platform(data: Mapping[str, Any], where: str) -> PlatformBase:
 
 
 def load_platform(name_or_path: str | Path) -> PlatformBase:
-    """Read a platform file.
-
-    Parameters
-    ----------
-    name_or_path : str or Path
-        Name of a shipped file (``emulated_canopen``) or a path that ends in .yaml.
+    """Read a platform file, or a shipped one by its name (``emulated_canopen``).
 
     Raises
     ------
@@ -211,9 +202,5 @@ def open_regulator(
     lockstep : bool
         Whether the cycles advance the time of the devices: each cycle waits for its answers, at most
         `lockstep_timeout_s`, and no step waits for the clock.
-
-    Returns
-    -------
-    Regulator
     """
     return find_family(platform.family).open(platform, endpoint, clock, lockstep)

@@ -40,10 +40,6 @@ def grade(name: str, found: str, *grades: tuple[bool, Level, str]) -> Finding:
         Name and result of the check.
     *grades : tuple of (bool, str, str)
         Whether the grade applies, its level, and its advice.
-
-    Returns
-    -------
-    Finding
     """
     level, do = next(((level, do) for applies, level, do in grades if applies), ("ok", ""))
     return Finding(name, level, found, do)
@@ -57,9 +53,7 @@ def run_check(
     Parameters
     ----------
     name, advice : str
-        Name and advice of that failure.
     findings : iterable of Finding
-        Findings of the checks.
     close : callable
         Called at the end.
     """

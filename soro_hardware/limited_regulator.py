@@ -81,7 +81,6 @@ class LimitedRegulator(safety.Limiter):
         Parameters
         ----------
         exchange : Exchange
-            What the cycle returned.
         now_ns : int
             Its time [ns].
         every_cycle : bool

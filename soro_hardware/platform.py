@@ -221,13 +221,8 @@ def in_loop(response: RegulatorModel, update_hz: float, rate_hz: float) -> Regul
     Parameters
     ----------
     response : RegulatorModel
-        Response of the regulators.
     update_hz, rate_hz : float
         Rate of the updates of one chamber, and of the loop [Hz].
-
-    Returns
-    -------
-    RegulatorModel
     """
     if update_hz >= IN_TURN * rate_hz:
         return response
@@ -245,7 +240,6 @@ def watched(
     Parameters
     ----------
     platform : PlatformBase
-        Platform of the regulator.
     regulator : Regulator
         Configured regulator.
     limits : Limits

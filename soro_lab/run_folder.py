@@ -40,11 +40,6 @@ def bag_of(run: Path) -> Path:
 def bag_and_scene(run: Path) -> tuple[Path, Path]:
     """Return bag and scene of a run; the shipped recordings have both in one folder.
 
-    Parameters
-    ----------
-    run : Path
-        Folder of the run, or of its bag.
-
     Raises
     ------
     BagError

@@ -26,16 +26,9 @@ def add_prefix(prefix: str, text: str) -> str:
 
 
 def node_of(name: str, prefix: str) -> str | None:
-    """Return the name of a node of an arm from its full one; None for a node of another arm.
+    """Return the name of a node of the arm /prefix/ from its full one; None for a node of another arm.
 
     What arms share, such as the regulators of their valves, has its node in the namespace around theirs.
-
-    Parameters
-    ----------
-    name : str
-        Full name of the node.
-    prefix : str
-        Namespace of the arm, with a slash at both ends.
     """
     around = prefix.rstrip("/").rpartition("/")[0]
     if name.startswith(prefix):

@@ -30,7 +30,6 @@ FOLDERS = (
     "soro_lab/scaffold",
     "soro_core/safety",
     "soro_lab/scene",
-    "soro_hardware/testing",
     "soro_lab/trade",
     "soro_core/twin",
     "soro_ros",

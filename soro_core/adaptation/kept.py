@@ -78,13 +78,7 @@ class KeptNumbers(Strict):
         return np.asarray(np.clip(values, lower, upper))
 
     def require_robot(self, robot: Robot, where: str = "learned") -> None:
-        """Refuse another robot, whose links are divided as in the model of the learner.
-
-        Parameters
-        ----------
-        robot : Robot
-        where : str
-            File of the numbers, for the error.
+        """Refuse another robot, whose links are divided as in the model of the learner, by the file `where`.
 
         Raises
         ------
@@ -127,12 +121,7 @@ def keep(robot: Robot, values: Mapping[str, float], deviations: Mapping[str, flo
 
 
 def load_kept(path: Path) -> KeptNumbers:
-    """Read what a run has kept.
-
-    Parameters
-    ----------
-    path : Path
-        Its folder, or the file.
+    """Read what a run has kept, from its folder or from the file.
 
     Raises
     ------

@@ -36,12 +36,5 @@ class NonuniformForce:
         return np.asarray(self.force + self.by_q @ (q - self.q) + self.by_mass * (mass_kg - self.mass_kg))
 
     def added_to(self, learned: Learned, scales: Scales) -> Learned:
-        """Return a learned model with this force, as far as W has its form.
-
-        Parameters
-        ----------
-        learned : Learned
-        scales : Scales
-            Units of the learned force.
-        """
+        """Return a learned model with this force, as far as W has its form."""
         return learned.with_force(self.q, self.force, self.by_q, scales)

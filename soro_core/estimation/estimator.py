@@ -96,10 +96,6 @@ class Estimator:
         pressure_pa : ndarray (n_u,), optional
             Pressures [Pa gauge]; 0 by default.
 
-        Returns
-        -------
-        EstimatorState
-
         Raises
         ------
         ModelError
@@ -179,11 +175,6 @@ class Estimator:
         """Return what pushes on the arm at its tip, None where it is not estimated.
 
         It is not where it is switched off, for an arm of varying strain, or without positions of late.
-
-        Parameters
-        ----------
-        state : EstimatorState
-            After a step.
         """
         late = state.t_s - state.position_s > self.config.lost_after_s
         return None if late else state.force.external

@@ -143,14 +143,7 @@ class MeanStrain:
 
 
 def mean_strain_of(arm: SoftArm, pieces: int = 1) -> MeanStrain | None:
-    """Return the non-uniform strain of an arm, None where there is none to compute.
-
-    Parameters
-    ----------
-    arm : SoftArm
-    pieces : int
-        Number of pieces into which each link is discretised.
-    """
+    """Return the non-uniform strain of an arm in pieces of each link, None where there is none to compute."""
     try:
         return MeanStrain(arm, pieces)
     except (ConfigError, ModelError):

@@ -122,12 +122,7 @@ class CsvRows:
         self._widths.clear()
 
     def check(self, least: int = 0) -> str:
-        """Return what was left out, in one line, "" for nothing.
-
-        Parameters
-        ----------
-        least : int
-            Rows that there must be without those left out.
+        """Return what was left out, in one line, "" for nothing; at least so many rows must be left.
 
         Raises
         ------

@@ -115,15 +115,7 @@ _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\D.*|)")
 
 
 def unit_of(key: str, section: str = "") -> str:
-    """Return the unit of the numbers of a key, "" where its name states none.
-
-    Parameters
-    ----------
-    key : str
-        Name of the key.
-    section : str
-        Name of the class that checks its section.
-    """
+    """Return the unit of a key in the section that a class checks, "" where its name states none."""
     named = _NAMES.get(f"{section}.{key}", _NAMES.get(key))
     if named is not None:
         return named

@@ -56,13 +56,7 @@ class _Loader(_Parser, BaseResolver):  # type: ignore[misc]
 
 
 def read_value(text: str, where: str) -> Any:
-    """Read YAML text, of whatever it is.
-
-    Parameters
-    ----------
-    text : str
-    where : str
-        File that errors name.
+    """Read YAML text, of whatever it is; errors name the file `where`.
 
     Raises
     ------

@@ -117,10 +117,6 @@ def plan_around(
     options
         `margin_m` and all others of `AroundOptions`.
 
-    Returns
-    -------
-    WayAround
-
     Raises
     ------
     MotionError

@@ -286,12 +286,6 @@ class Robot(Strict):
 def refuse_tendons(robot: Robot, where: str) -> None:
     """Refuse a robot with tendons where pressures alone drive it.
 
-    Parameters
-    ----------
-    robot : Robot
-    where : str
-        What drives it, for the message.
-
     Raises
     ------
     ConfigError

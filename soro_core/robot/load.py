@@ -144,13 +144,7 @@ def _keys_of(path: Path) -> dict[str, Any]:
 
 
 def save_robot(robot: Robot, path: str | Path) -> None:
-    """Write a robot file, which `load_robot` reads as an equal robot; modes stand in it as `samples`.
-
-    Parameters
-    ----------
-    robot : Robot
-    path : str or Path
-        File ending in .yaml; one that is there is replaced.
+    """Write a file NAME.yaml, which `load_robot` reads as an equal robot; modes stand in it as `samples`.
 
     Raises
     ------

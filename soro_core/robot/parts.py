@@ -146,7 +146,6 @@ def put(keys: dict[str, Any], model: Strict, path: str, value: Any) -> None:
     keys : dict
         As `fields` gives them; changed.
     model : Strict
-        The model.
     path : str
     value : object
         Plain value.

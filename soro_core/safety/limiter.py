@@ -75,11 +75,6 @@ def doubt(state: SafetyState, reason: str, source: str) -> SafetyState:
     reason : str
         Why the command is refused; the text before the colon is its kind.
     source : str
-        Name of the source.
-
-    Returns
-    -------
-    SafetyState
     """
     state = count_refusal(state, reason)
     in_force = source == state.command_source and not state.vented
@@ -100,10 +95,6 @@ def slew(limits: Limits, state: SafetyState, now_ns: int) -> SafetyState:
         State before the call.
     now_ns : int
         Time of the limiter's clock [ns].
-
-    Returns
-    -------
-    SafetyState
     """
     dt = 0.0 if state.cycle_ns is None else max(now_ns - state.cycle_ns, 0) * 1e-9
     if state.vented or state.command_ns is None:
@@ -159,10 +150,6 @@ def judge(
         Reported supply pressures [Pa gauge], NaN for devices that report none.
     response : RegulatorModel
         Response of the platform's regulators, with which the monitors compare the readings.
-
-    Returns
-    -------
-    SafetyState
     """
     fresh = _each(fresh, state.setpoint_pa.shape)
     known = np.full(fresh.shape, now_ns) if state.reading_ns is None else state.reading_ns
@@ -227,10 +214,6 @@ def trip(state: SafetyState, fault: str) -> SafetyState:
         State before the call.
     fault : str
         What was found; of a state that is vented already it stands until the next `judge`.
-
-    Returns
-    -------
-    SafetyState
     """
     standing = fault if state.vented else None  # one that only begins may be over with its own cycle
     return request_vent(state, fault)._replace(fault=state.fault or fault, standing=standing)

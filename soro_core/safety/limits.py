@@ -193,10 +193,6 @@ def for_regulators(limits: Limits, update_hz: float, reading_age_s: float, where
     where : str
         Name of the platform in errors.
 
-    Returns
-    -------
-    Limits
-
     Raises
     ------
     ConfigError
@@ -217,7 +213,6 @@ def check_rating(limits: Limits, rating: Rating, where: str) -> None:
     limits : Limits
         Limits of commands and readings.
     rating : Rating
-        Rating of the platform.
     where : str
         File in errors.
 

@@ -40,10 +40,6 @@ def broken_wire(monitors: Monitors, names: Sequence[str], reading_pa: Array) -> 
         Names of the chambers.
     reading_pa : ndarray (n,)
         Measured pressures [Pa gauge].
-
-    Returns
-    -------
-    str or None
     """
     for n, reading in enumerate(reading_pa.tolist()):
         if reading < monitors.open_circuit_pa or reading > monitors.short_circuit_pa:

@@ -44,10 +44,6 @@ def note_message(names: Names, name: str, number: int | None, publishers: int) -
         publishers then cannot be distinguished, and every name counts as shared.
     publishers : int
         Present number of publishers of the topic.
-
-    Returns
-    -------
-    Names
     """
     if publishers <= 1:
         return Names({} if number is None else {name: number})

@@ -6,14 +6,7 @@ from soro_core.safety.state import SafetyState, Share
 
 
 def of_arm(state: SafetyState, share: Share) -> SafetyState:
-    """Return the state as one arm commands it: with its chambers and its last command.
-
-    Parameters
-    ----------
-    state : SafetyState
-    share : Share
-        One of those of the state.
-    """
+    """Return the state as one arm commands it: with its chambers and its last command."""
     columns, names = list(share.columns), state.monitors.names
     return state._replace(
         setpoint_pa=state.setpoint_pa[columns],
@@ -58,13 +51,7 @@ def with_command(state: SafetyState, share: Share, own: SafetyState) -> SafetySt
 
 
 def kept(shares: tuple[Share, ...], oldest_ns: int) -> tuple[Share, ...]:
-    """Return the shares behind a reset: commands from before a time [ns] age no further, so do not trip.
-
-    Parameters
-    ----------
-    shares : tuple of Share
-    oldest_ns : int
-    """
+    """Return the shares behind a reset: commands from before a time [ns] age no further, so do not trip."""
     stale = [one.command_ns is not None and one.command_ns < oldest_ns for one in shares]
     return tuple(
         one._replace(command_ns=None) if old else one for one, old in zip(shares, stale, strict=True)

@@ -63,10 +63,6 @@ def watch_vent(
         Whether each reading was sampled in this exchange; for the others the last one counts.
     now_ns : int
         Time of the limiter's clock [ns].
-
-    Returns
-    -------
-    VentCheck
     """
     start_ns = now_ns if state.start_ns is None else state.start_ns
     # No pressure is below a vacuum: an open wire, like a reading that is not a number, is no reading.

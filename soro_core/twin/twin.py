@@ -259,13 +259,7 @@ class Twin:
         return replaced(state, push=push if push.any() else None)
 
     def at_base(self, state: TwinState, pose: ArrayLike) -> TwinState:
-        """Return the state with a base on its way to another pose.
-
-        Parameters
-        ----------
-        state : TwinState
-        pose : array_like (4, 4)
-            Of the base in the world.
+        """Return the state with a base on its way to another pose (4, 4) in the world.
 
         Raises
         ------

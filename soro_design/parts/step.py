@@ -24,14 +24,7 @@ ROUND = (0, 2, 5, 7)
 
 
 def write_step(path: str | Path, geometry: RodGeometry | BellowsGeometry | TubeGeometry) -> float:
-    """Write the solid of a part, in millimetres, upright from z = 0; return its volume [m3].
-
-    Parameters
-    ----------
-    path : str or Path
-        File, which is replaced.
-    geometry : RodGeometry, BellowsGeometry or TubeGeometry
-        Of a part file.
+    """Write, or replace, the solid of a part, in millimetres, upright from z = 0; return its volume [m3].
 
     Raises
     ------

@@ -11,7 +11,6 @@ def strength_lines(material: Material, sweep: str, stretch: float) -> list[str]:
     Parameters
     ----------
     material : Material
-        Of the part.
     sweep : str
         Where the stretch is greatest.
     stretch : float

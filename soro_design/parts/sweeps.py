@@ -48,7 +48,6 @@ def follow(specimen: Specimen, sweep: LoadSweep, reached: Callable[[EquilibriumS
     Parameters
     ----------
     specimen : Specimen
-        The part.
     sweep : LoadSweep
         Loads that rise from nothing.
     reached : callable

@@ -36,17 +36,10 @@ Routed: TypeAlias = tuple[Integers, float]
 
 
 def route(mesh: Mesh, along: Sequence[Sequence[float]]) -> Integers:
-    """Return the pieces (m, 2) of the chain of nodes that stays nearest to the lines between points.
+    """Return the pieces (m, 2) of the chain of nodes that stays nearest to the lines between points [m].
 
     Neighbours in the chain are nodes of one element. Each piece costs its length and the distances of its
     ends from the line; the chain is the cheapest.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Of a solid.
-    along : sequence of (3,)
-        Points [m].
 
     Raises
     ------

@@ -24,7 +24,6 @@ def content_of(found: PartIdentification, source: str, file: str, accept: float)
     Parameters
     ----------
     found : PartIdentification
-        What is reported.
     source, file : str
         Names of the part file and of the robot file.
     accept : float
@@ -72,7 +71,6 @@ def write_report(content: dict[str, Any], found: PartIdentification, folder: Pat
     content : dict
         Of `content_of`.
     found : PartIdentification
-        What is reported.
     folder : Path
         Made where it does not exist.
     """

@@ -15,14 +15,7 @@ def beside(out: Path) -> tuple[Path, Path]:
 
 
 def write_scene(found: PartIdentification, out: Path) -> tuple[list[Path], list[str]]:
-    """Write platform and scene, whose reference the pressures of the sweeps hold.
-
-    Parameters
-    ----------
-    found : PartIdentification
-        Of the robot.
-    out : Path
-        The robot file, which is written.
+    """Write platform and scene of a written robot file; its reference holds the pressures of the sweeps.
 
     Returns
     -------

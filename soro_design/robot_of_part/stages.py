@@ -130,7 +130,6 @@ def identify(
     Parameters
     ----------
     file : PartFile
-        Of the rod.
     specimen : RodSpecimen
         Its mesh.
     data : Snapshots
@@ -182,7 +181,6 @@ def mesh_check(file: PartFile, specimen: RodSpecimen, data: Snapshots) -> MeshCh
     specimen : RodSpecimen
         Made of it.
     data : Snapshots
-        Of its sweeps.
     """
     geometry = file.geometry
     assert isinstance(geometry, RodGeometry)

@@ -49,7 +49,6 @@ def link_verdict(constant: Sequence[TipError], modal: Sequence[TipError], n: int
     constant, modal : sequence of TipError
         Of the held-out states: of the link of constant strain, of that with modes.
     n : int
-        Modes of each strain.
     two : Kept
         What these modes keep of the same states by projection.
     """
@@ -110,7 +109,6 @@ def write_robot(found: PartIdentification, source: str, out: Path) -> list[Path]
     source : str
         Name of the part file.
     out : Path
-        The robot file.
     """
     files = [out]
     for name, samples in (found.samples or {}).items():

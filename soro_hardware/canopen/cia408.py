@@ -73,10 +73,6 @@ def next_state(state: ValveState, control: int, previous_control: int) -> ValveS
         Present state.
     control, previous_control : int
         This control word and the last one; a rising edge of the reset bit resets a fault.
-
-    Returns
-    -------
-    ValveState
     """
     if state in _AFTER_RESET:
         reset = control & Control.RESET and not previous_control & Control.RESET
@@ -106,10 +102,6 @@ def pascal_per_count(unit: int, prefix: int, full_scale_pa: float | None) -> flo
         Sub-objects 2 and 3: SI unit code and power of ten.
     full_scale_pa : float or None
         Pressure of 16384 counts [Pa], for devices with normalised values (unit 0).
-
-    Returns
-    -------
-    float
 
     Raises
     ------

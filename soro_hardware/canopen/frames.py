@@ -95,7 +95,6 @@ def guarded(node: int, state: NmtState, toggle: int) -> Frame:
     node : int
         Node id.
     state : NmtState
-        State of the node.
     toggle : int
         Toggle bit, 0 or 1.
     """

@@ -103,7 +103,6 @@ def check_budget(bits: int, highest_hz: float, cycle_hz: float, bitrate: int) ->
     Parameters
     ----------
     bits : int
-        Bits of one cycle.
     highest_hz, cycle_hz : float
         Highest rate on the bus, and rate of the cycle [Hz].
     bitrate : int

@@ -94,13 +94,8 @@ class SdoClient:
         Parameters
         ----------
         index, sub : int
-            Index and sub-index of the object.
         is_signed : bool
             Whether the value is signed.
-
-        Returns
-        -------
-        int
 
         Raises
         ------
@@ -118,9 +113,7 @@ class SdoClient:
         Parameters
         ----------
         index, sub : int
-            Index and sub-index of the object.
         value : int
-            Value.
         size : int
             Size of the object [bytes].
 

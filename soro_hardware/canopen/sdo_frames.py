@@ -80,7 +80,6 @@ def sdo_read(node: int, index: int, sub: int) -> Frame:
     node : int
         Node id.
     index, sub : int
-        Index and sub-index of the object.
     """
     return Frame(SDO_REQUEST + node, struct.pack("<BHB4x", 0x40, index, sub))
 
@@ -146,7 +145,6 @@ def sdo_abort(node: int, index: int, sub: int, code: int) -> Frame:
     node, index, sub : int
         As in `sdo_read`.
     code : int
-        Abort code.
     """
     return Frame(SDO_RESPONSE + node, struct.pack("<BHBI", 0x80, index, sub, code))
 

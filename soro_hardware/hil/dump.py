@@ -69,7 +69,6 @@ def prove(
     config : DumpConfig
         Pressure and times.
     name : str
-        Name of the chamber.
     chamber : int
         Its number.
     regulator : PacedRegulator
@@ -78,10 +77,6 @@ def prove(
         Called with what the operator is to do, as soon as the pressure is there.
     stopped : callable
         Returns whether to vent and end.
-
-    Returns
-    -------
-    Finding
     """
     what = f"dump valve at {name}"
     try:

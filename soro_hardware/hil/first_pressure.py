@@ -67,10 +67,6 @@ def interrupted(plan: HilPlan, state: ProcedureState, why: str = INTERRUPTED) ->
         State after the last sample.
     why : str
         Reason, for the report.
-
-    Returns
-    -------
-    ProcedureState
     """
     state = replace(state, findings=(*state.findings, *_of_chamber(plan, state)))
     return _over(plan, state, why, "start again")

@@ -111,10 +111,6 @@ def evaluate(
         Rate of the cycle [Hz].
     runs : sequence of sequence of CycleSample
         Samples of each chamber.
-
-    Returns
-    -------
-    Latency
     """
     took = [sample.took_s for samples in runs for sample in samples if sample.fresh.any()]
     chambers = tuple(
@@ -132,7 +128,6 @@ def compare(latency: Latency, response: RegulatorModel, update_hz: float) -> lis
     latency : Latency
         Measured latencies.
     response : RegulatorModel
-        Model of the platform.
     update_hz : float
         Rate of exchanges of a chamber [Hz]; set points and readings may each wait for one exchange.
 

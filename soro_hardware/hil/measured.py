@@ -102,10 +102,6 @@ def hold(
         Set point [Pa gauge].
     at_rest : RestReadings
         Readings before the first step.
-
-    Returns
-    -------
-    PressureHold
     """
     readings, fresh = _readings(samples)
     t = np.array([sample.t_s for sample in samples])
@@ -128,11 +124,6 @@ def vent(samples: Sequence[CycleSample], chamber: int, low_pa: float, at_rest: R
     low_pa : float
         Pressure below which a chamber is empty [Pa].
     at_rest : RestReadings
-        Readings at rest.
-
-    Returns
-    -------
-    Vent
     """
     readings, _ = _readings(samples)
     above = np.nan_to_num(readings - at_rest.mean_pa, nan=np.inf).max(axis=1) > low_pa

@@ -25,17 +25,11 @@ def expectation(
     Parameters
     ----------
     platform : PlatformBase
-        Platform.
     update_hz : float
         Rate of exchanges of a chamber [Hz].
     config : FirstPressureConfig
         Steps.
     robot : Robot, optional
-        Robot on the platform.
-
-    Returns
-    -------
-    Expectation
 
     Raises
     ------

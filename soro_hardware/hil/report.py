@@ -31,17 +31,12 @@ def markdown(title: str, about: Mapping[str, str], plan: HilPlan, state: Procedu
     Parameters
     ----------
     title : str
-        Title of the report.
     about : mapping of str to str
         Facts about the procedure: platform, date and so on.
     plan : HilPlan
         Steps and expectations.
     state : ProcedureState
         State at the end.
-
-    Returns
-    -------
-    str
     """
     lines = [
         f"# {title}",
@@ -117,10 +112,6 @@ def latency_markdown(title: str, about: Mapping[str, str], latency: Latency, fou
         Measured latencies.
     found : sequence of Finding
         Comparison with the platform's model.
-
-    Returns
-    -------
-    str
     """
     lines = [f"# {title}", "", *(f"- {key}: {value}" for key, value in about.items())]
     lines += [
@@ -175,7 +166,6 @@ def draw_first_pressure(file: Path, title: str, plan: HilPlan, samples: Sequence
     file : Path
         File of the picture.
     title : str
-        Title.
     plan : HilPlan
         Steps and expectations.
     samples : sequence of CycleSample
@@ -216,7 +206,6 @@ def draw_latency(file: Path, title: str, latency: Latency) -> None:
     file : Path
         File of the picture.
     title : str
-        Title.
     latency : Latency
         Measured latencies.
     """

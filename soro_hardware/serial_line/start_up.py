@@ -25,7 +25,6 @@ def start_all(
     Parameters
     ----------
     engines : sequence of LineEngine
-        Lines with their devices.
     waiter : Waiter
         Time of the driver.
     stop_streaming : callable

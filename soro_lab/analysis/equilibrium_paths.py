@@ -68,7 +68,6 @@ def targets(names: tuple[str, ...], low_pa: float, high_pa: float) -> list[tuple
     Parameters
     ----------
     names : tuple of str
-        The chambers.
     low_pa, high_pa : float
         Range of the pressures [Pa gauge].
     """

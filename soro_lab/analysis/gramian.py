@@ -54,7 +54,6 @@ def windows(
     dt : float
         Time of a tick [s].
     ticks : int
-        Ticks of a window.
     show : callable
         Takes the number of windows that are done, and that of all.
 

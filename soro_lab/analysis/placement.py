@@ -43,13 +43,7 @@ class Information:
         return max(0.0, float(np.linalg.eigvalsh(excess)[:, 0].min()))
 
     def deviations(self, chosen: Sequence[int]) -> tuple[float, Array]:
-        """Deviation of the tip [m] and of each entry of the state (n_x,), RMS over the windows.
-
-        Parameters
-        ----------
-        chosen : sequence of int
-            Numbers of the candidates.
-        """
+        """RMS deviation of tip [m] and entries of the state (n_x,) with these candidates."""
         inverse = np.linalg.inv(self._posterior_information(chosen))
         covariance = self.root @ inverse @ self.root.T
         tip = np.einsum("wax,wxy,way->w", self.tips, covariance, self.tips)
@@ -63,12 +57,6 @@ def greedy(information: Information, count: int) -> list[int]:
     """Return the numbers of the candidates, each the one that adds most to those before it.
 
     The value is submodular, so that the sum is at least 1 - 1/e of that of the best set.
-
-    Parameters
-    ----------
-    information : Information
-    count : int
-        Number of sensors.
     """
     chosen: list[int] = []
     for _ in range(count):
@@ -79,14 +67,7 @@ def greedy(information: Information, count: int) -> list[int]:
 
 
 def best(information: Information, count: int) -> tuple[int, ...] | None:
-    """Return the best set of all; None where there are more than `MOST_SETS`.
-
-    Parameters
-    ----------
-    information : Information
-    count : int
-        Number of sensors.
-    """
+    """Return the best set of all; None where there are more than `MOST_SETS`."""
     n = information.scaled.shape[1]
     if comb(n, count) > MOST_SETS:
         return None

@@ -16,14 +16,7 @@ from soro_lab.analysis.reach_picture import frequency, strain_shares
 
 
 def place_rows(ways: Sequence[EquilibriumPath], count: int) -> list[tuple[str, ...]]:
-    """Return the rows: place, tip, principal stiffnesses, frequencies and damping of the slowest modes.
-
-    Parameters
-    ----------
-    ways : sequence of EquilibriumPath
-    count : int
-        Number of modes.
-    """
+    """Return the rows: place, tip, principal stiffnesses, frequencies and damping of the slowest modes."""
     rows = [_row("rest", ways[0].places[0], count)]
     for way in ways:
         note = "" if way.reached else ", the last with a rest"
@@ -57,7 +50,6 @@ def mode_rows(arm: SoftArm, ways: Sequence[EquilibriumPath], count: int) -> list
     arm : SoftArm
     ways : sequence of EquilibriumPath
     count : int
-        Number of modes.
     """
     modes = ways[0].places[0].modes
     rows: list[tuple[str, ...]] = []

@@ -39,16 +39,11 @@ class PartRepair:
 
 
 def repair(path: str | Path) -> tuple[PartRepair, ...]:
-    """Rewrite the unfinished or damaged files of a bag, and its metadata.yaml.
+    """Rewrite the unfinished or damaged files of a bag, of a run or alone, and its metadata.yaml.
 
     All readable messages keep their bytes and times, and by time their order. A file with lost data is kept
     beside the new one as ``NAME.damaged``. A sound file is not changed. A single MCAP file is repaired
     without metadata.yaml.
-
-    Parameters
-    ----------
-    path : str or Path
-        Folder of a run, or of its bag, or a single MCAP file.
 
     Raises
     ------

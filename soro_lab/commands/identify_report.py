@@ -32,14 +32,7 @@ class ReportOptions:
     profile: str | None
 
     def check(self, robot: Robot, force: bool) -> None:
-        """Refuse a folder that exists, and numbers that the robot does not have.
-
-        Parameters
-        ----------
-        robot : Robot
-        force : bool
-            Whether a folder may exist.
-        """
+        """Refuse a folder that exists, unless by force, and numbers that the robot does not have."""
         from soro_lab.identification.arm.cases.parameters import numbers_of
 
         if self.folder is None:

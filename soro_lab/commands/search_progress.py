@@ -46,14 +46,7 @@ class SearchProgress:
         self._bar.stop()
 
     def show(self, stage: str, cost: float) -> None:
-        """Show the least cost of the search that runs, and count its simulations.
-
-        Parameters
-        ----------
-        stage : str
-            What is searched.
-        cost : float
-        """
+        """Show the least cost of the search that runs, and count its simulations."""
         now_s = self._clock()
         if stage != self._stage:
             self._next(stage, now_s)

@@ -31,15 +31,7 @@ class Warned:
 
 
 def foresee(arm: SoftArm, plan: ExcitationPlan) -> Warned | None:
-    """Return the first section at whose pressures the model has no balance, or None.
-
-    Parameters
-    ----------
-    arm : SoftArm
-        Model.
-    plan : ExcitationPlan
-        Sections in order.
-    """
+    """Return the first section at whose pressures the model has no balance, or None."""
     q = np.zeros(arm.n_q)
     known: dict[bytes, Array] = {}
     for index, section in enumerate(plan.sections):

@@ -83,7 +83,6 @@ def beyond(motion: MotionCriteria, rest: AtRest, sample: Sample, outermost: bool
     Parameters
     ----------
     motion : MotionCriteria
-        Limits.
     rest : AtRest
         The sensor at rest.
     sample : PoseSample or ImuSample
@@ -143,7 +142,6 @@ def is_still(
     rest : mapping of str to AtRest
         The sensors at rest, by name.
     samples : mapping of str to sequence of samples
-        The last samples of each sensor.
     window_s : float
         Time that they must cover [s].
     """

@@ -42,15 +42,7 @@ class ExcitationPlan:
         return max((one.shortest_s for one in self.sections if not one.lasts), default=0.4)
 
     def left_s(self, index: int, t: float) -> float:
-        """Return the longest time left [s].
-
-        Parameters
-        ----------
-        index : int
-            Number of the present section.
-        t : float
-            Time since its begin [s].
-        """
+        """Return the longest time left [s], at a time t [s] since the begin of the section of an index."""
         present = self.sections[index].longest_s - t
         return max(0.0, present) + sum(one.longest_s for one in self.sections[index + 1 :])
 
@@ -66,10 +58,6 @@ def make_plan(supply: Supply, config: ExciteConfig, where: str) -> ExcitationPla
         Stages and times.
     where : str
         File or node of the configuration, for errors.
-
-    Returns
-    -------
-    ExcitationPlan
 
     Raises
     ------

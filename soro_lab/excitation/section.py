@@ -33,15 +33,7 @@ class Sweep:
     rate_pa_s: float
 
     def at(self, t: float, length_s: float) -> Array:
-        """Return the deviation from the centre (n_u,) [Pa].
-
-        Parameters
-        ----------
-        t : float
-            Time since the begin of the sweep [s].
-        length_s : float
-            Its length [s].
-        """
+        """Return the deviation from the centre (n_u,) [Pa] at a time [s] of a sweep of a length [s]."""
         growth = math.log(self.high_hz / self.low_hz)
         part = min(max(t / length_s, 0.0), 1.0)
         frequency = self.low_hz * math.exp(growth * part)

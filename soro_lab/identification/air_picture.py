@@ -27,7 +27,6 @@ def draw(path: Path, steps: Sequence[Step], fits: Sequence[AirFit]) -> None:
     path : Path
         File of the picture.
     steps : sequence of Step
-        Measured steps.
     fits : sequence of AirFit
         Fitted models.
     """

@@ -98,10 +98,6 @@ def fit(
         Largest number of iterations of a search. One that hopeless candidates have stopped is started anew
         beside them (`soro_lab.identification.search`).
 
-    Returns
-    -------
-    Fit
-
     Raises
     ------
     ValueError

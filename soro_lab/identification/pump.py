@@ -124,13 +124,6 @@ def part_of(pressure: Array, levels_pa: tuple[float, float]) -> Array:
 def pump_response(model: PumpModel, run: PumpRun) -> tuple[Array, Array, Array]:
     """Simulate a run.
 
-    Parameters
-    ----------
-    model : PumpModel
-        Pump and chamber.
-    run : PumpRun
-        Set point, start and duration.
-
     Returns
     -------
     t, pressure, duty : ndarray (n,)
@@ -168,17 +161,10 @@ def pump_response(model: PumpModel, run: PumpRun) -> tuple[Array, Array, Array]:
 
 
 def fit_pump(runs: Sequence[PumpRun], volume_m3: float) -> tuple[PumpModel, Fit]:
-    """Fit conductance, stall pressure, leak and dead time for a given volume.
+    """Fit conductance, stall pressure, leak and dead time to recorded steps, for a given volume [m^3].
 
     The search starts from a stall pressure 2 kPa above the highest level, the conductance that fills the
     volume at the measured rate, a leak of a hundredth of it, and a dead time of 30 ms.
-
-    Parameters
-    ----------
-    runs : sequence of PumpRun
-        Recorded steps.
-    volume_m3 : float
-        Volume of the chamber [m^3].
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""Recorded runs of one segment, as CSV: forced motion (pressures, curvatures) and release (bending angle)."""
+"""Columns of CSV files, and the forced motion of one segment: pressures and curvatures."""
 
 from __future__ import annotations
 
@@ -53,22 +53,6 @@ class ForcedRun:
         return np.column_stack([np.interp(t, self.t, column) for column in self.curvature.T])
 
 
-@dataclass(frozen=True)
-class ReleaseRun:
-    """Bending angle after the release of the tip.
-
-    Attributes
-    ----------
-    t : array of shape (n_t,)
-        Time [s], from 0.
-    bend : array of shape (n_t,)
-        Bending angle kappa L (1 + eps) [rad].
-    """
-
-    t: Array
-    bend: Array
-
-
 def read_forced(path: str | Path) -> ForcedRun:
     """Read a forced run with the columns t [s], p1, p2, ... [Pa gauge], kx, ky [1/m].
 
@@ -84,12 +68,6 @@ def read_forced(path: str | Path) -> ForcedRun:
     )
 
 
-def read_release(path: str | Path) -> ReleaseRun:
-    """Read a release with the columns t [s] and bend_deg [degrees]; errors as `read_forced`."""
-    columns = read_columns(path, ("t", "bend_deg"))
-    return ReleaseRun(columns["t"] - columns["t"][0], np.radians(columns["bend_deg"]))
-
-
 def read_columns(
     path: str | Path, required: tuple[str, ...], also: Callable[[str], bool] | None = None, gaps: str = ""
 ) -> dict[str, Array]:
@@ -98,7 +76,6 @@ def read_columns(
     Parameters
     ----------
     path : path
-        File.
     required : tuple of str
         Required columns; the first is the time, which must rise.
     also : callable, optional
@@ -153,7 +130,6 @@ def read_table(
     path : path
         File, in any layout that `CsvRows` reads; a line of units under the names is skipped.
     required : tuple of str
-        Required columns.
     also : callable, optional
         Predicate of the name that selects other columns; all by default.
     asked_by : mapping of str to str, optional

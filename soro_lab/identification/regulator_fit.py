@@ -164,7 +164,6 @@ def fit_air(
     steps : sequence of Step
         Measured steps.
     kind : RegulatorModelType
-        Kind of model.
     group_of : callable, optional
         Group of a step: each group in turn is held out. Default: `groups`.
     """
@@ -188,13 +187,7 @@ def fit_air(
 
 
 def groups(steps: Sequence[Step]) -> dict[int, int]:
-    """Return the group of each step by its id: groups of runs, or, in a single run, of its steps.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        Measured steps.
-    """
+    """Return the group of each step by its id: groups of runs, or, in a single run, of its steps."""
     runs = sorted({step.run for step in steps})
     if len(runs) > 1:
         number = min(MOST_GROUPS, len(runs))

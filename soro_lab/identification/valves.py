@@ -98,10 +98,6 @@ def regulator_response(model: RegulatorModel, steps: Sequence[Step], t: Array | 
         Measured steps.
     t : ndarray (n_t,), optional
         Times [s]; those of `grid` by default.
-
-    Returns
-    -------
-    Response
     """
     free = {"hysteresis_pa": 0.0, "command_resolution_pa": 0.0, "minimum_pa": -AMBIENT_PA + 400.0}
     # Not `with_changes`: no bound at all is no allowed value of a file.
@@ -124,10 +120,6 @@ def flow_response(model: FlowModel, steps: Sequence[Step], t: Array | None = Non
         Measured steps.
     t : ndarray (n_t,), optional
         Evenly spaced times from 0 [s]; those of `grid` by default.
-
-    Returns
-    -------
-    Response
 
     Raises
     ------
@@ -204,7 +196,6 @@ def fit_flow(
     Parameters
     ----------
     steps : sequence of Step
-        Measured steps.
     volume_m3 : float
         Volume of each chamber [m^3].
     supply_pa : float

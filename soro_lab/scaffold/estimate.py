@@ -98,7 +98,6 @@ def modulus_of(section: Section, length: float, area: float, offset: float, n: i
     Parameters
     ----------
     section : Section
-        Of the link.
     length : float
         Of the link [m].
     area, offset : float
@@ -136,15 +135,8 @@ def modulus_for_weight(
 
 
 def modulus_for_hanging(sections: Sequence[Section], masses: Sequence[float]) -> float:
-    """Return the modulus [Pa] with which its weight stretches a hanging arm by `STRETCH` at most.
+    """Return the modulus [Pa] at which its masses [kg] stretch a hanging arm by `STRETCH` at most.
 
     Weight straightens such an arm: it has to carry it in no other direction.
-
-    Parameters
-    ----------
-    sections : sequence of Section
-        Of the links.
-    masses : sequence of float
-        Of the links [kg].
     """
     return max(GRAVITY * sum(masses[k:]) / (STRETCH * section.area_m2) for k, section in enumerate(sections))

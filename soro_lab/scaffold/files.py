@@ -33,10 +33,6 @@ def commented(header: str, tree: Mapping[str, Any]) -> str:
         Comment at the top, with its line breaks.
     tree : mapping
         Of names to `Noted` values, mappings, or lists of mappings.
-
-    Returns
-    -------
-    str
     """
     top = [line for text in header.splitlines() for line in textwrap.wrap(text, WIDTH - 2) or [""]]
     lines = [f"# {line}".rstrip() for line in top] + _mapping(tree, "")
@@ -170,7 +166,6 @@ def write_setting(
     ----------
     arm : ArmSetting
     folder : Path
-        Of the robot file.
     names : tuple of str
         Files of robot, platform and scene; the robot file exists.
 

@@ -65,13 +65,7 @@ def platform_name(given: str, n_chambers: int) -> str:
 
 
 def platform_tree(arm: ArmSetting, name: str) -> dict[str, Any]:
-    """Return the platform file as a tree of `Noted` values.
-
-    Parameters
-    ----------
-    arm : ArmSetting
-    name : str
-        Shipped file that it follows.
+    """Return the platform file, after a shipped one, as a tree of `Noted` values.
 
     Raises
     ------
@@ -167,7 +161,6 @@ def _noted(
     Parameters
     ----------
     data : mapping
-        The section.
     model : BaseModel
         The same, checked.
     name : str
@@ -175,7 +168,6 @@ def _noted(
     own : mapping
         Origin of the values that do not, by path.
     path : tuple of str
-        Keys of the section.
     """
     tree: dict[str, Any] = {}
     for key, value in data.items():

@@ -52,13 +52,7 @@ class FirstReference:
 
 
 def first_reference(robot: Robot) -> FirstReference:
-    """Return a circle where the chambers of every link drive all its strains, else a resting place.
-
-    Parameters
-    ----------
-    robot : Robot
-        With its range of pressures.
-    """
+    """Return a circle where the chambers of every link drive all its strains, else a resting place."""
     arm = SoftArm(robot)
     fields = strain_fields(robot)
     if all(link.n_q == 3 for link in robot.links) and _rank(arm) == arm.n_q:

@@ -72,7 +72,6 @@ def scene_header(arm: ArmSetting, reference: FirstReference, file: str) -> str:
     ----------
     arm : ArmSetting
     reference : FirstReference
-        Of the scene.
     file : str
         Name of the scene file.
     """

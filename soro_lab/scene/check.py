@@ -15,14 +15,7 @@ from soro_lab.scene.scene import Scene
 
 
 def check_scene(scene: Scene, where: str) -> list[str]:
-    """Refuse a scene that does not fit the robot and the platform that it names.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene, with its model stated or chosen.
-    where : str
-        File of the scene, for the error.
+    """Refuse a scene, its model known, that does not fit the robot and the platform that it names.
 
     Returns
     -------
@@ -74,12 +67,6 @@ def arm_of(scene: Scene, wanted: str | None, where: str) -> Scene:
 def require_one_arm(scene: Scene, where: str) -> Scene:
     """Return a scene of one arm, and of nothing else, for those whose twin is alone.
 
-    Parameters
-    ----------
-    scene : Scene
-    where : str
-        File of the scene, for the error.
-
     Raises
     ------
     ConfigError
@@ -96,13 +83,6 @@ def require_one_arm(scene: Scene, where: str) -> Scene:
 
 def check_plant(scene: Scene, where: str) -> None:
     """Refuse a robot, a platform and a model that do not fit each other, whatever commands them.
-
-    Parameters
-    ----------
-    scene : Scene
-        Scene, with its model stated or chosen.
-    where : str
-        File of the scene, for the error.
 
     Raises
     ------
@@ -144,13 +124,6 @@ def check_model(scene: Scene, robot: Robot, where: str) -> None:
 def check_learned(scene: Scene, where: str) -> None:
     """Refuse learned numbers that are not those of the robot and the model of the scene, or out of bounds.
 
-    Parameters
-    ----------
-    scene : Scene
-        Scene, with its model stated or chosen.
-    where : str
-        File of the numbers, for the error.
-
     Raises
     ------
     ConfigError
@@ -183,7 +156,6 @@ def check_gains(scene: Scene, robot: Robot, where: str) -> str:
     ----------
     scene : Scene
     robot : Robot
-        Robot of the scene.
     where : str
         File of the scene, for the error.
 

@@ -21,13 +21,6 @@ def default_limits(scene: Scene, where: str) -> Limits:
     platform the highest set point is at most that of the default: a higher one is stated with its trips.
     Without one the trips that the scene does not state are those of the range.
 
-    Parameters
-    ----------
-    scene : Scene
-        With robot and platform.
-    where : str
-        File of the scene, for errors.
-
     Raises
     ------
     ConfigError

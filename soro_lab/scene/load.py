@@ -50,8 +50,8 @@ def _of_one_arm(data: dict[str, Any], where: str) -> Scene:
     scene = parse(data, Scene, where=where)
     platform = scene.loaded_platform
     if scene.twin.regulator is not None:  # written, a part of its keys is all of them
-        scene = scene.with_twin(with_changes(scene.twin, regulator=scene.regulator))
-    scene = scene.with_limits(default_limits(scene, where))
+        scene = scene.with_keys(twin=with_changes(scene.twin, regulator=scene.regulator))
+    scene = scene.with_keys(limits=default_limits(scene, where))
     rating = platform.rating if platform else rating_of(scene.loaded_robot.pressure_range_pa)
     check_rating(scene.limits, rating, where=where)
     for number, fault in enumerate(scene.faults):
@@ -93,9 +93,9 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
     if shared:
         low, high = max(one.minimum_pa for one in shared), min(one.maximum_pa for one in shared)
         limits = with_changes(shared[0], minimum_pa=low, maximum_pa=high)
-        arms = {name: arm.with_limits(limits) if arm.is_shared else arm for name, arm in arms.items()}
-        whole = whole.with_limits(limits)
-    return whole.with_arms(arms)
+        arms = {name: arm.with_keys(limits=limits) if arm.is_shared else arm for name, arm in arms.items()}
+        whole = whole.with_keys(limits=limits)
+    return whole.with_keys(arms=arms)
 
 
 def _merged(keys: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
@@ -169,12 +169,7 @@ def shipped_folder() -> Path:
 
 
 def scenes_in(folder: Path) -> Listing:
-    """Return the scenes of a folder: the YAML files all of whose keys are those of a scene.
-
-    Parameters
-    ----------
-    folder : Path
-    """
+    """Return the scenes of a folder: the YAML files all of whose keys are those of a scene."""
     scenes, wrong, others = [], [], []
     for file in sorted(folder.glob("*.yaml")):
         try:

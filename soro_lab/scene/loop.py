@@ -61,13 +61,7 @@ def controller_of(
 
 
 def loop_of(scene: Scene, model: Discretisation | None = None) -> Loop:
-    """Return the loop that the nodes of a scene make.
-
-    Parameters
-    ----------
-    scene : Scene
-    model : Discretisation, optional
-        How estimator and controller compute the arm; default as the scene says.
+    """Return the loop that the nodes of a scene make, with its model or another one.
 
     Raises
     ------

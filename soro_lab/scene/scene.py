@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -18,7 +18,7 @@ from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.robot.vectors import Quaternion, Vector3
 from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
-from soro_core.safety import Limits, usable_range
+from soro_core.safety import usable_range
 from soro_core.safety.vent_check import REST_S
 from soro_core.twin.config import ShadowConfig, ShadowSection, TwinConfig, TwinSection
 from soro_hardware import PlatformBase, load_platform
@@ -149,10 +149,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
                 "no air: states under twin beside valves: real, which hold the air",
             ),
             (real and not self.platform, "no valves: real without a platform, which describes them"),
-            (
-                real and self.mode != "real_time",
-                "no lockstep with valves: real, whose time cannot be stopped",
-            ),
+            (real and self.mode == "lockstep", "no lockstep with valves: real, whose time cannot be stopped"),
             (real and self.faults, "no faults with valves: real, only with emulated ones"),
             (not real and self.device, "no device with valves: emulated, only with real ones"),
             (real and self.bodies, "no bodies with valves: real, only around a simulated arm"),
@@ -237,35 +234,23 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         """Parameters of the markers node."""
         return MarkersConfig(robot=self.robot)
 
-    def with_model(self, model: ModelSection | None) -> Scene:
-        """Return the scene with another model; it keeps the loaded robot and platform."""
-        return self._with(model=model)
+    def with_keys(self, **values: Any) -> Scene:
+        """Return the scene with other values of keys; it keeps the loaded robot and platform."""
+        other = with_changes(self, **values)
+        vars(other).update({name: value for name, value in vars(self).items() if name.startswith("loaded_")})
+        return other
 
-    def with_duration(self, duration_s: float) -> Scene:
-        """Return the scene with another duration [s]; it keeps the loaded robot and platform."""
-        return self._with(duration_s=duration_s)
-
-    def with_limits(self, limits: Limits) -> Scene:
-        """Return the scene with other limits; it keeps the loaded robot and platform."""
-        return self._with(limits=limits)
-
-    def with_arms(self, arms: Mapping[str, Scene]) -> Scene:
-        """Return the scene with arms; it keeps the loaded robot and platform."""
-        return self._with(arms=arms)
-
-    def with_twin(self, twin: TwinSection) -> Scene:
-        """Return the scene with another twin; it keeps the loaded robot and platform."""
-        return self._with(twin=twin)
+    def of_each(self, change: Callable[[Scene], Scene]) -> Scene:
+        """Return the scene with each of its arms changed; that of one arm is changed itself."""
+        if not self.arms:
+            return change(self)
+        return self.with_keys(arms={name: change(arm) for name, arm in self.arms.items()})
 
     def with_robot(self, robot: Robot) -> Scene:
         """Return the scene with another robot in place of the one that its file describes."""
-        other = self._with()
+        other = self.with_keys()
         vars(other)["loaded_robot"] = robot
         return other
-
-    def with_robot_file(self, file: str) -> Scene:
-        """Return the scene with the file of its robot at its place; it keeps the loaded robot."""
-        return self._with(robot=file, base_position=None, base_quaternion=None)
 
     def with_learned(self, kept: KeptNumbers) -> Scene:
         """Return the scene whose law starts from learned numbers; it keeps the loaded robot and platform.
@@ -281,12 +266,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
                 self.name, "controller.law", law, "composite, which can start from what is kept"
             )
         options = {**options, "learned": kept.model_dump(mode="json")}
-        return self._with(controller=with_changes(self.controller, law_options=options))
-
-    def _with(self, **values: Any) -> Scene:
-        other = with_changes(self, **values)
-        vars(other).update({name: value for name, value in vars(self).items() if name.startswith("loaded_")})
-        return other
+        return self.with_keys(controller=with_changes(self.controller, law_options=options))
 
     @property
     def gains_robot(self) -> str:

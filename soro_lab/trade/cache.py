@@ -102,13 +102,8 @@ def error_key(case: str, reference: str, candidate: Candidate) -> str:
     Parameters
     ----------
     case, reference : str
-        Keys of the case and of the reference.
     candidate : Candidate
         Discretisation, stepper and step.
-
-    Returns
-    -------
-    str
     """
     return "error-" + _digest(case=case, reference=reference, candidate=candidate.section)
 
@@ -124,10 +119,6 @@ def cost_key(case: TradeCase, candidate: Candidate, repeats: int) -> str:
         Discretisation, stepper and step.
     repeats : int
         Repetitions of each time.
-
-    Returns
-    -------
-    str
     """
     return "cost-" + _digest(
         case=case_key(case),
@@ -149,15 +140,10 @@ def choice_key(scene: Scene, robot: dict[str, Any], requirement: str) -> str:
     Parameters
     ----------
     scene : Scene
-        Scene.
     robot : dict
         Plain values of the robot.
     requirement : str
         Text of the requirement.
-
-    Returns
-    -------
-    str
     """
     return "choice-" + _digest(
         scene=_of_scene(scene), robot=robot, requirement=requirement, machine=platform.node()

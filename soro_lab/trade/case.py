@@ -151,7 +151,7 @@ def scene_case(scene: Scene, seconds: float = 4.0) -> TradeCase:
     """
     robot = scene.loaded_robot
     measured = read_forced(scene.measured) if scene.measured else None
-    plain = scene.with_model(None)
+    plain = scene.with_keys(model=None)
     if not robot.n_u:
         case = bare_case(robot, seconds)
         return replace(case, scene=plain, tick_s=1.0 / scene.rate_hz, paced=True, measured=measured)

@@ -14,7 +14,6 @@ def keep_choice(scene: Scene, requirement: Requirement, candidate: Candidate, ca
     Parameters
     ----------
     scene : Scene
-        Scene of the study.
     requirement : Requirement
         Required error or time.
     candidate : Candidate
@@ -31,15 +30,10 @@ def with_chosen_model(scene: Scene, cache: Cache | None = None, called: str = ""
     Parameters
     ----------
     scene : Scene
-        Scene.
     cache : Cache, optional
         Where choices are stored; the user's cache by default.
     called : str
         Name or path of the scene in the advice of the error; the scene's name by default.
-
-    Returns
-    -------
-    Scene
 
     Raises
     ------
@@ -57,7 +51,7 @@ def with_chosen_model(scene: Scene, cache: Cache | None = None, called: str = ""
             "auto, and no measured choice for it",
             f"run first: soro trade {name} {scene.model.requirement.options}",
         )
-    return scene.with_model(ModelSection.model_validate(found))
+    return scene.with_keys(model=ModelSection.model_validate(found))
 
 
 def _key(scene: Scene, requirement: Requirement) -> str:

@@ -57,10 +57,6 @@ def drive(scene: Scene, model: Discretisation, seconds: float, plant: TwinConfig
     plant : TwinConfig, optional
         Configuration of the twin; that of the scene by default.
 
-    Returns
-    -------
-    LoopRecord
-
     Raises
     ------
     ConfigError, ModelError

@@ -59,10 +59,6 @@ def measure(case: TradeCase, candidate: Candidate, repeats: int = 3) -> Cost:
     repeats : int
         Largest number of runs; long runs are not repeated.
 
-    Returns
-    -------
-    Cost
-
     Raises
     ------
     ModelError

@@ -139,10 +139,6 @@ def size(grid: CandidateGrid, n_spaces: int, n_steppers: int) -> int:
         Values to combine.
     n_spaces, n_steppers : int
         Numbers of discretisations in space, and of time steppers.
-
-    Returns
-    -------
-    int
     """
     return n_spaces * (len(grid.nodes) + len(grid.steps)) * n_steppers * len(grid.dt_s)
 
@@ -158,10 +154,6 @@ def coarse(grid: CandidateGrid, found: Sequence[Discretisation], steppers: Seque
         Discretisations that the robot allows.
     steppers : sequence of str
         Names of the time steppers.
-
-    Returns
-    -------
-    list of Candidate
     """
     middle = grid.steps[len(grid.steps) // 2]
     mde = [with_changes(space, method="mde", steps=middle) for space in found]
@@ -179,7 +171,6 @@ def around(grid: CandidateGrid, good: Iterable[Candidate], done: Iterable[Candid
     grid : CandidateGrid
         Values to combine.
     good : iterable of Candidate
-        Candidates near the front.
     done : iterable of Candidate
         Candidates that are already computed.
 

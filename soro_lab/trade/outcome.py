@@ -31,10 +31,6 @@ def compute(case: TradeCase, truth: TradeTrace, candidate: Candidate) -> Outcome
         Reference.
     candidate : Candidate
         Discretisation, stepper and step.
-
-    Returns
-    -------
-    Outcome
     """
     try:
         arm = discretised(case.robot, candidate.model)

@@ -117,10 +117,6 @@ def converge(
     stop : callable
         Function that returns whether to stop refining.
 
-    Returns
-    -------
-    ReferenceRun
-
     Raises
     ------
     ModelError

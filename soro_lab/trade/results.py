@@ -25,7 +25,6 @@ def pareto(items: Sequence[Item], cost: Measure[Item], error: Measure[Item]) -> 
     Parameters
     ----------
     items : sequence
-        Items.
     cost, error : callable
         Functions that return cost and error of an item.
 
@@ -49,15 +48,10 @@ def near_front(items: Sequence[Item], cost: Measure[Item], error: Measure[Item],
     Parameters
     ----------
     items : sequence
-        Items.
     cost, error : callable
         Functions that return cost and error of an item.
     factor : float
         An item is near if no item of the front is better by more than this factor in both.
-
-    Returns
-    -------
-    list
     """
     front = pareto(items, cost, error)
     near = [

@@ -66,10 +66,6 @@ def closed_loop(scene: Scene, model: Discretisation, truth: Candidate) -> LoopEr
         Model in estimator and controller.
     truth : Candidate
         Reference model.
-
-    Returns
-    -------
-    LoopError
     """
     twin = scene.twin_node()
     explicit = truth.integrator in EXPLICIT

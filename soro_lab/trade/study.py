@@ -50,7 +50,6 @@ def run_study(
     Parameters
     ----------
     case : TradeCase
-        Run.
     grid : CandidateGrid
         Values to combine.
     requirement : Requirement
@@ -66,10 +65,6 @@ def run_study(
     stop : callable
         Function that returns whether to stop, called between candidates; the results so far are returned,
         marked as stopped.
-
-    Returns
-    -------
-    Study
 
     Raises
     ------

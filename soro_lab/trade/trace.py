@@ -77,10 +77,6 @@ def trace(case: TradeCase, arm: SoftArm, integrator: str, dt_s: float) -> TradeT
     dt_s : float
         Time step [s], a whole fraction of `SAMPLE_S`.
 
-    Returns
-    -------
-    TradeTrace
-
     Raises
     ------
     ModelError
@@ -109,10 +105,6 @@ def too_slow(case: TradeCase, arm: SoftArm, integrator: str, dt_s: float) -> str
 
     An error-controlled stepper on a stiff arm takes thousands of internal steps for each step.
     The function has parameters as in `trace`.
-
-    Returns
-    -------
-    str
     """
     times = time_grid(case, dt_s)
     times = times[: max(2, min(times.size, 1 + round(PILOT_S / dt_s)))]
@@ -147,10 +139,6 @@ def errors(found: TradeTrace, truth: TradeTrace, length: float) -> Errors:
         The run and the reference.
     length : float
         Length of the arm [m].
-
-    Returns
-    -------
-    Errors
     """
     distance = np.linalg.norm(found.places - truth.places, axis=2)
     span = float(np.ptp(truth.energy)) or 1.0

@@ -56,7 +56,6 @@ def runs_of(arm: str, folder: Path, progress: Callable[[Path], object] = lambda 
     arm : str
         Name of its scene.
     folder : Path
-        Of the runs.
     progress : callable
         Called with the folder of each run whose bag is read.
     """

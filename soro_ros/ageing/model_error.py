@@ -53,11 +53,6 @@ def model_error(recording: RunRecording, scene: Scene) -> ModelMismatch | None:
 
     The model is that of estimator and controller, without what was learned. It is simulated from rest under
     the measured pressures; while the arm was under control, its tip is compared.
-
-    Parameters
-    ----------
-    recording : RunRecording
-    scene : Scene
     """
     t, _ = tip_error(recording, scene.duration_s)
     reading = recording.reading
@@ -93,7 +88,6 @@ def keep_model_error(folder: Path, recording: RunRecording, scene: Scene) -> Mod
     Parameters
     ----------
     folder : Path
-        Of the run.
     recording : RunRecording
     scene : Scene
     """

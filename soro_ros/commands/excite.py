@@ -134,7 +134,7 @@ def excite(
         changes |= {f"excite.{key}": value for key, value in options.items() if value is not None}
         loaded, where = prepare(scene, changes, _check, console)
         excitation = _excitation(loaded, where)
-        loaded = loaded.with_duration(_longest_s(excitation) + MARGIN_S)
+        loaded = loaded.with_keys(duration_s=_longest_s(excitation) + MARGIN_S)
         _say(excitation, console)
         target = make_folder(folder, loaded, where)
         _write_plan(target, excitation)

@@ -32,7 +32,6 @@ def show_rows(title: str, head: Sequence[str], rows: Sequence[Sequence[str]]) ->
     Parameters
     ----------
     title : str
-        Title.
     head : sequence of str
         Names of the columns.
     rows : sequence of sequence of str

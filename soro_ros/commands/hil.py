@@ -208,7 +208,6 @@ def regulator_of(
     Parameters
     ----------
     platform : PlatformBase
-        Platform.
     name : str
         Its name on the command line.
     device : str or None

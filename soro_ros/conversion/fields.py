@@ -22,16 +22,10 @@ NAMED = ("position", "velocity", "effort")
 
 
 def flat(message: Any, by_name: bool = True) -> dict[str, Value]:
-    """Return every value of a message by its path.
+    """Return every value of a message by its path; `by_name` leaves out the numbers in a JointState.
 
     A time is one number of nanoseconds. An element of a sequence has its number in the path, one of a
     JointState the name of its joint: ``header.stamp_ns``, ``pose.covariance.7``, ``effort.link0/chamber1``.
-
-    Parameters
-    ----------
-    message : message
-    by_name : bool
-        False: numbers in a JointState too.
     """
     names = list(message.name) if by_name and is_joint_state(message) else []
     return dict(_leaves(message, "", names))

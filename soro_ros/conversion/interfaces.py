@@ -29,15 +29,9 @@ def topic_pattern(node: Node, entry: str, key: str) -> str:
     Parameters
     ----------
     node : Node
-        Node of the parameter.
     entry : str
-        Name or pattern.
     key : str
         Name of the parameter, for errors.
-
-    Returns
-    -------
-    str
 
     Raises
     ------

@@ -59,7 +59,6 @@ def chambers(names: Sequence[str], pressure_pa: Array, stamp_ns: int) -> JointSt
     Parameters
     ----------
     names : sequence of str
-        Names of the chambers.
     pressure_pa : ndarray (n_u,)
         Pressures [Pa gauge].
     stamp_ns : int
@@ -104,15 +103,7 @@ def format_names(names: Sequence[str]) -> str:
 
 
 def without_reading(pressure_pa: Array, names: Sequence[str]) -> str:
-    """Return the chambers without a finite reading; empty if there is none.
-
-    Parameters
-    ----------
-    pressure_pa : ndarray (n_u,)
-        Readings [Pa gauge]; NaN for the chambers of a silent device.
-    names : sequence of str
-        Names of the chambers.
-    """
+    """Return the chambers whose reading [Pa gauge] is NaN, as of a silent device; empty if there is none."""
     if math.isfinite(float(pressure_pa.sum())):
         return ""
     return ", ".join(name for name, known in zip(names, np.isfinite(pressure_pa), strict=True) if not known)
@@ -138,7 +129,6 @@ def arm_state(names: Sequence[str], q: Array, qd: Array, force: Array, stamp_ns:
     Parameters
     ----------
     names : sequence of str
-        Names of the coordinates.
     q, qd, force : ndarray (n_q,)
         Coordinates, rates and generalised force.
     stamp_ns : int

@@ -75,7 +75,6 @@ def taken(node: Node, name: str, by: str) -> ConfigError:
     node : Node
         Node of the domain.
     name : str
-        The name.
     by : str
         Which program has it.
     """

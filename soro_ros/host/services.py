@@ -246,14 +246,7 @@ def _is_called(name: str, wanted: str) -> bool:
 
 
 def create_triggers(node: Node, actions: Mapping[str, Callable[[], str]]) -> None:
-    """Offer services ~/NAME of a node.
-
-    Parameters
-    ----------
-    node : Node
-    actions : mapping of str to callable
-        Function by the name of its service; a SoroError that it raises becomes the reason of a refusal.
-    """
+    """Offer services ~/NAME of a node, by name; a SoroError of their function is the reason of a refusal."""
     for name, action in actions.items():
         node.create_service(Trigger, f"~/{name}", _answering(action))
 

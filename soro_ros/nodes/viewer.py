@@ -210,15 +210,7 @@ def main() -> None:
 
 
 def run_viewers(namespaces: Sequence[str], arguments: list[str]) -> None:
-    """Run the viewers of arms, which share a page, as this process.
-
-    Parameters
-    ----------
-    namespaces : sequence of str
-        Of the arms; without one that of the arguments.
-    arguments : list of str
-        Those of ROS.
-    """
+    """Run the viewers of arms, which share a page, by arguments of ROS; without a namespace that of those."""
     screen = Screen(len(namespaces))
     arms = [partial(Viewer, namespace, screen) for namespace in namespaces] or [partial(Viewer)]
     run_nodes(arms, command_line.of_node(Viewer.node_name, ViewerConfig), arguments)

@@ -74,7 +74,6 @@ def take(
     bag : Path
         Folder of the run's bag.
     scene : Scene
-        Scene of the run.
     begin_s, end_s : float
         First and last time [s] of the run; the film ends at the latest where the recording does.
     rate_hz : float
@@ -293,7 +292,6 @@ def write(shown: Take, file: Path, width_px: int = 800, colours: int = 96) -> No
     Parameters
     ----------
     shown : Take
-        What is shown.
     file : Path
         Where it is written.
     width_px : int
@@ -332,9 +330,7 @@ def still(shown: Take, file: Path, width_px: int = 800) -> None:
     Parameters
     ----------
     shown : Take
-        The take.
     file : Path
-        File of the picture.
     width_px : int
         Width of the picture [pixels].
     """

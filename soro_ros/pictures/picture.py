@@ -39,7 +39,6 @@ def draw(recording: RunRecording, scene: Scene, file: Path) -> None:
     recording : RunRecording
         Of `soro_ros.recordings.report.read_run`.
     scene : Scene
-        Scene of the run.
     file : Path
         File of the picture.
     """

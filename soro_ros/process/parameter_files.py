@@ -21,17 +21,10 @@ def read_file(file: str) -> dict[str, Any]:
 
 
 def given_by_name(arguments: Sequence[str], node: str) -> set[str]:
-    """Return the parameters that a command line gives to a node by itself, in its files too.
+    """Return the parameters that a command line gives to a node by its own name, in its files too.
 
     A file may have an entry for many nodes, as ``/**``, which no node can be expected to know in full.
     What an entry of the node's own name or the command line says is meant for it.
-
-    Parameters
-    ----------
-    arguments : sequence of str
-        Command line.
-    node : str
-        Name of the node, without its namespace.
 
     Returns
     -------

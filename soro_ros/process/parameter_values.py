@@ -41,15 +41,7 @@ def described_field(field: FieldInfo) -> str:
 
 
 def descriptor(name: str, field: FieldInfo) -> ParameterDescriptor:
-    """Return what `ros2 param describe` and graphical tools show of a parameter, with its range.
-
-    Parameters
-    ----------
-    name : str
-        Name of the parameter.
-    field : FieldInfo
-        Its field in the configuration model.
-    """
+    """Return what `ros2 param describe` and graphical tools show of a parameter, with its range."""
     # The model checks types: it accepts 200 for a float, a typed parameter does not.
     found = ParameterDescriptor(
         description=described_field(field),

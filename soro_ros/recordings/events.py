@@ -65,15 +65,7 @@ def warnings_at(statuses: Iterable[NodeStatus], at_s: float) -> dict[str, str]:
 
 
 def events_of(said: Iterable[Said], time_of: Callable[[int], float]) -> tuple[Event, ...]:
-    """Return the changes among the statuses of nodes.
-
-    Parameters
-    ----------
-    said : iterable of Said
-        In their order.
-    time_of : callable
-        Function that returns the time [s] in the run of a log time [ns].
-    """
+    """Return the changes among statuses in their order; `time_of` turns log time [ns] into run time [s]."""
     found: list[Event] = []
     last: dict[str, tuple[int, str]] = {}
     for log_ns, node, level, text in said:

@@ -19,7 +19,6 @@ def keep_learned(folder: Path, recording: RunRecording, scene: Scene) -> Path | 
     Parameters
     ----------
     folder : Path
-        Folder of the run.
     recording : RunRecording
     scene : Scene
 

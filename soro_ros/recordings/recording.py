@@ -288,14 +288,7 @@ def arms(reader: BagReader) -> tuple[str, ...]:
 
 
 def statuses(message: DiagnosticArray, prefix: str) -> Iterator[tuple[str, dict[str, str], str]]:
-    """Yield the status of each node of one arm; other arms publish on the same topic.
-
-    Parameters
-    ----------
-    message : DiagnosticArray
-        A message on /diagnostics.
-    prefix : str
-        Namespace of the arm, with a slash at both ends.
+    """Yield the status of each node of the arm /prefix/; other arms publish on the same topic.
 
     Yields
     ------

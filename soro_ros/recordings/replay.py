@@ -97,7 +97,6 @@ def replay(
     bag : Path
         Recording of the run.
     scene : Scene
-        Scene of the run.
     nodes : sequence of str
         Names in `NODES`.
     tolerance : float

@@ -196,14 +196,7 @@ def in_control(recording: RunRecording, t: Array, duration_s: float) -> NDArray[
 
 
 def enabled_again(recording: RunRecording, t: Array) -> int:
-    """Return the index of the first time under control after the last vent on request; 0 without one.
-
-    Parameters
-    ----------
-    recording : RunRecording
-    t : ndarray (n,)
-        Times under control [s].
-    """
+    """Return the index of the first time [s] under control after the last vent on request; 0 without one."""
     vented_s = max((event.t_s for event in recording.events if event.kind == "vent"), default=np.inf)
     # Set points may come for a while after the vent: control begins anew behind the gap.
     begins = np.flatnonzero((np.diff(t) > MISSING_S) & (t[1:] > vented_s)) + 1

@@ -54,13 +54,7 @@ _WORDS = ("good", "poor", "lost", "vented", "refused")
 
 
 def worst(verdicts: Mapping[str, Verdict]) -> Verdict:
-    """Return the verdict on several arms, that of the worst of them; what all of them say is said once.
-
-    Parameters
-    ----------
-    verdicts : mapping of str to Verdict
-        By the name of the arm.
-    """
+    """Return the verdict on several arms, that of the worst of them; what all of them say is said once."""
     word = max((one.word for one in verdicts.values()), key=_WORDS.index)
     if len(set(verdicts.values())) == 1:
         return next(iter(verdicts.values()))
@@ -82,10 +76,6 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
         Its warnings stand behind the reason.
     recording : RunRecording, optional
         What shows the cause of a bad run, and what the nodes said.
-
-    Returns
-    -------
-    Verdict
     """
     said = later = dict(end.said)
     if recording is not None:
@@ -212,13 +202,7 @@ def _notes(said: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def advice(verdict: Verdict, scene: Scene) -> str:
-    """Return what a user can do about a vented run, in one line; empty if that is not known.
-
-    Parameters
-    ----------
-    verdict : Verdict
-    scene : Scene
-    """
+    """Return what a user can do about a vented run, in one line; empty if that is not known."""
     keys = next((keys for word, keys in _LATE.items() if word in verdict.reason), "")
     if scene.mode != "real_time" or scene.faults or not keys:
         return ""
@@ -249,7 +233,6 @@ def write(
     summary : Summary or None
         Figures of the run.
     verdict : Verdict
-        The verdict.
     arms : mapping of str to tuple, optional
         Figures and verdict of each arm by its name, where there are several.
     bodies : mapping of str to mapping, optional

@@ -20,13 +20,7 @@ _WINDOWS, _WINDOW_S, _SAMPLES = 40, 0.2, 8
 
 
 def wiring_answers(recording: RunRecording, scene: Scene) -> Answers:
-    """Return what the arm's answers to all pressures of a run say; nothing where they are those of its file.
-
-    Parameters
-    ----------
-    recording : RunRecording
-    scene : Scene
-    """
+    """Return what the answers to all pressures of a run say; nothing where they are those of its file."""
     robot = scene.loaded_robot
     if recording.estimated_state.t.size < _SAMPLES or recording.reading.names != robot.chamber_names:
         return NO_ANSWERS

@@ -30,10 +30,6 @@ def parameters_of(robot: str, platform: str, device: str, folder: Path) -> dict[
         Port or address of real valves; empty for emulated ones.
     folder : Path
         Folder of the links of emulated valves.
-
-    Returns
-    -------
-    dict of str to dict
     """
     loop: dict[str, dict[str, Any]] = {
         "estimator": {"robot": robot},

@@ -6,6 +6,7 @@ import contextlib
 import shutil
 import time
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,11 +69,8 @@ def prepare(
     if any(arm.model is not None and arm.model.auto for arm in scene.each):
         from soro_lab.trade import with_chosen_model
 
-        if scene.arms:
-            chosen = {key: with_chosen_model(arm, called=arm.name) for key, arm in scene.arms.items()}
-            scene = scene.with_arms(chosen)
-        else:
-            scene = with_chosen_model(scene, called=name)
+        named = bool(scene.arms)
+        scene = scene.of_each(lambda arm: with_chosen_model(arm, called=arm.name if named else name))
     where = str(find_config(name, "scenes"))
     warnings = check(scene, where)
     if scene.mode == "real_time" and scene.platforms:
@@ -91,9 +89,7 @@ def make_folder(parent: Path, scene: Scene, where: str) -> Path:
     Parameters
     ----------
     parent : Path
-        Folder of the runs.
     scene : Scene
-        Scene as it is used.
     where : str
         Its file.
     """
@@ -104,27 +100,22 @@ def make_folder(parent: Path, scene: Scene, where: str) -> Path:
 
 
 def with_robot_files(scene: Scene, folder: Path) -> Scene:
-    """Return a scene whose nodes read each robot at its place: from a file in the folder of the run.
+    """Return a scene whose nodes read each robot at its place: from a file in the folder of the run."""
+    return scene.of_each(partial(_with_robot_file, folder=folder))
 
-    Parameters
-    ----------
-    scene : Scene
-    folder : Path
-        Folder of the run.
-    """
-    if scene.arms:
-        return scene.with_arms({name: with_robot_files(arm, folder) for name, arm in scene.arms.items()})
+
+def _with_robot_file(scene: Scene, folder: Path) -> Scene:
     if not scene.place:
         return scene
     file = folder / "robots" / f"{scene.prefix.rstrip('/') or scene.name}.yaml"
     file.parent.mkdir(exist_ok=True)
     save_robot(scene.loaded_robot, file)
-    changed = scene.with_robot_file(str(file))
+    changed = scene.with_keys(robot=str(file), base_position=None, base_quaternion=None)
     if not scene.twin.plant:
         return changed
     plant = file.with_stem(f"{file.stem}_plant")
     save_robot(load_robot(scene.twin.plant).replace(**scene.place), plant)
-    return changed.with_twin(with_changes(scene.twin, plant=str(plant)))
+    return changed.with_keys(twin=with_changes(scene.twin, plant=str(plant)))
 
 
 def _check_devices(scene: Scene) -> None:
@@ -147,7 +138,6 @@ def watch_time(run: Run, supervisor: RunMonitor, scene: Scene, console: Console)
     scene : Scene
         What runs.
     console : Console
-        Shows progress.
 
     Raises
     ------
@@ -205,9 +195,7 @@ def execute(
     Parameters
     ----------
     scene : Scene
-        What to run.
     folder : Path
-        Folder of the run.
     interrupted : list of int
         Signals that end the run, see `signals.noted`.
     console : Console
@@ -216,10 +204,6 @@ def execute(
         Nodes between readings and commands; default: estimator and controller.
     watch : callable
         Returns when the run is over, or raises what ends it.
-
-    Returns
-    -------
-    End
     """
     from soro_ros.run.compose import Run
     from soro_ros.run.forks import ForkServer

@@ -52,12 +52,7 @@ class ForkServer:
             self._child.process.wait()
 
     def warm(self, scene_file: Path) -> None:
-        """Have it load the kernels of a scene, or compile them; it `has_answered` then.
-
-        Parameters
-        ----------
-        scene_file : Path
-        """
+        """Have it load the kernels of a scene, or compile them; it `has_answered` then."""
         with contextlib.suppress(ConnectionError):  # `has_answered` says why
             self._socket.send(fork_server.WARM + str(scene_file.resolve()).encode())
 
@@ -79,7 +74,6 @@ class ForkServer:
         Parameters
         ----------
         name : str
-            Name of the process.
         command : list of str
             Its command line, ``python -m MODULE ...``.
         folder : Path

@@ -126,7 +126,6 @@ def start(
     Parameters
     ----------
     name : str
-        Name of the process.
     command : list of str
         Command line.
     folder : Path
@@ -137,10 +136,6 @@ def start(
         Pipe of `pulse.Pulse`, for a process that listens to this one.
     passed : sequence of int
         Other descriptors that it keeps.
-
-    Returns
-    -------
-    Child
     """
     log, parent = log_of(name, folder), os.getpid()
     heard = {} if pipe is None else {pulse.VARIABLE: str(pipe)}
@@ -172,10 +167,6 @@ def node_command(name: str, config: BaseModel, namespace: str, folder: Path) -> 
         Namespace of the run.
     folder : Path
         Folder of the run.
-
-    Returns
-    -------
-    list of str
     """
     inner, _, kind = f"{namespace}/{name}".rpartition("/")
     file = _parameter_file(name, "/**", config, folder)

@@ -62,13 +62,7 @@ def start_valves(scene: Scene, folder: Path, links: Links, start: Callable[..., 
 
 
 def wait_for_valves(valves: Child, check: Callable[[], None]) -> None:
-    """Wait until emulated valves are ready.
-
-    Parameters
-    ----------
-    valves : Child
-    check : callable
-        Raises what ends the wait.
+    """Wait until emulated valves are ready, or `check` raises what ends the wait.
 
     Raises
     ------

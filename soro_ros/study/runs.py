@@ -116,7 +116,7 @@ class VariedScene:
         check_scene(scene, scene.name)
         check_gains(scene, scene.loaded_robot, scene.name)
         if plant is not None:
-            scene = scene.with_twin(with_changes(scene.twin, plant=""))
+            scene = scene.with_keys(twin=with_changes(scene.twin, plant=""))
         return StudyJob(number, values, scene, plant)
 
     def _varied(self, values: Mapping[str, Any]) -> tuple[Scene, Robot | None]:

@@ -42,15 +42,7 @@ class FrameCheck:
         self._last: dict[str, str] = {}  # why the last message of a topic was refused
 
     def takes_sample(self, topic: str, frame: str) -> bool:
-        """Return whether a sample of sensors/pose0, ... or sensors/imu0, ... may be used.
-
-        Parameters
-        ----------
-        topic : str
-            Name of its topic.
-        frame : str
-            Frame that it states; empty where it states none, which always fits.
-        """
+        """Return whether a sample on a topic may be used; an empty frame, none stated, always fits."""
         number = topic.removeprefix("sensors/imu")
         if number == topic:
             key = "frames.pose" if self._frames.pose else "frames.world"

@@ -224,7 +224,6 @@ class MotionReports:
         ----------
         topic : str
         stamp_ns : int
-            Of the message.
         text : str
             Why.
         """

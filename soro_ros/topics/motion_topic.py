@@ -148,7 +148,6 @@ class MotionTopic:
         ----------
         topic : str
         stamp_ns : int
-            Of the message.
         reference : Reference
         """
         state, t = (None, 0.0) if self._now is None else self._now
@@ -180,7 +179,6 @@ class MotionTopic:
         ----------
         topic : str
         stamp_ns : int
-            Of the message.
         reason : str
         """
         self._refuse(reason)

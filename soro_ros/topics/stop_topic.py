@@ -60,13 +60,7 @@ class StopTopic:
 
 @contextlib.contextmanager
 def reading_stop(platform: PlatformBase) -> Iterator[Callable[[], str | None]]:
-    """Give a function that tells why the arm must be vented, for commands without a node.
-
-    Parameters
-    ----------
-    platform : PlatformBase
-        Platform with a `stop_topic`.
-    """
+    """Give a function that tells why `stop_topic` has the arm vented, for commands without a node."""
     if not (was_running := ok()):
         middleware.init()
     node = Node("stop_reader")

@@ -53,15 +53,7 @@ class ArmTransforms:
         fixed.publish(TFMessage(transforms=[transform(self._base, now_ns, names.world, names.base)]))
 
     def publish(self, q: Array, stamp_ns: int) -> None:
-        """Publish where the frames are.
-
-        Parameters
-        ----------
-        q : ndarray (n_q,)
-            Estimated coordinates.
-        stamp_ns : int
-            Time of the estimate [ns].
-        """
+        """Publish where the frames are at estimated coordinates (n_q,), and the time [ns] of these."""
         if self._moving is None:
             return
         moved = [

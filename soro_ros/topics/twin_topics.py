@@ -241,14 +241,7 @@ class BodyTopics:
         self._contacts = node.create_publisher(JointState, f"{namespace.rstrip('/')}/{CONTACTS}", profile)
 
     def publish(self, now: BodyTick, stamp_ns: int) -> None:
-        """Publish poses, sums of contact forces about the centres, and the normal force of each contact.
-
-        Parameters
-        ----------
-        now : BodyTick
-        stamp_ns : int
-            Time of the tick [ns].
-        """
+        """Publish poses, sums of contact forces about the centres, and the normal force of each contact."""
         for b, name in enumerate(now.names):
             if is_read(self._poses[b]):
                 pose = np.eye(4)

@@ -114,14 +114,7 @@ def chambers(robot: Robot) -> list[Bellow]:
 
 
 def walls(planes: Iterable[Plane], body: Array) -> list[Array]:
-    """Return the corners (4, 3) of a square on each plane that an arm can touch, as large as the arm.
-
-    Parameters
-    ----------
-    planes : iterable of Plane
-    body : ndarray (n, 3)
-        Points on its backbone [m].
-    """
+    """Return corners (4, 3) of a square on each plane that an arm can touch; its backbone is (n, 3) [m]."""
     middle, half = 0.5 * (body.min(axis=0) + body.max(axis=0)), 0.5 * np.ptp(body, axis=0).max()
     found = []
     for plane in planes:

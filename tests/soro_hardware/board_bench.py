@@ -21,9 +21,9 @@ from soro_hardware.emulation.devices import EmulatedDevices
 from soro_hardware.emulation.veab import EmulatedVeabServer
 from soro_hardware.families import parse_platform
 from soro_hardware.port import Regulator
-from soro_hardware.testing.line_link import LineLink
 from soro_hardware.veab.config import VeabPlatform
 from soro_hardware.veab.driver import VeabRegulator
+from tests.soro_hardware.line_link import LineLink
 
 AIR = {
     "delay_s": 0.005,

@@ -26,10 +26,10 @@ from soro_hardware.canopen.driver import CanopenRegulator
 from soro_hardware.emulation.canopen.world import World
 from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
 from soro_hardware.port import Regulator
-from soro_hardware.testing.hub_bus import HubBus
 from soro_hardware.transport.frame import Frame
 from soro_hardware.transport.link import from_message, to_message
 from tests.patience import LIMIT_S
+from tests.soro_hardware.hub_bus import HubBus
 from tests.warm import Popen
 
 PERIOD_NS = 5_000_000

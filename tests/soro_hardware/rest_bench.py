@@ -21,7 +21,7 @@ from soro_hardware.emulation.devices import EmulatedDevices
 from soro_hardware.emulation.faults.fault_types import Injection
 from soro_hardware.emulation.veab import EmulatedVeabServer
 from soro_hardware.port import EMPTY_PA, Exchange, Regulator
-from soro_hardware.testing.line_link import LineLink
+from tests.soro_hardware.line_link import LineLink
 
 SETTLED_PA = 50.0  # a count of a DAC of 12 bit
 

@@ -22,7 +22,7 @@ from soro_hardware.serial_line.driver import SerialRegulator
 from soro_hardware.serial_line.line.engine import LineEngine
 from soro_hardware.serial_line.line.port import BytePort
 from soro_hardware.serial_line.lockstep import MARK, START_MARK
-from soro_hardware.testing.line_link import LinePort
+from tests.soro_hardware.line_link import LinePort
 
 AIR = {
     "delay_s": 0.005,

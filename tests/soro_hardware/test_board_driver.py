@@ -14,8 +14,8 @@ from soro_hardware.board import frames, messages, texts
 from soro_hardware.board.frames import BoardFrame, FrameType
 from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.port import FAULT_CODES
-from soro_hardware.testing.line_link import LineLink
 from tests.refused import fails
+from tests.soro_hardware.line_link import LineLink
 
 MS = 1_000_000
 

@@ -21,7 +21,7 @@ from soro_core.config import parse
 from soro_core.errors import HardwareError
 from soro_hardware.families import load_platform, open_regulator
 from soro_hardware.port import FAULT_CODES, Regulator
-from soro_hardware.testing.line_link import LineLink
+from tests.soro_hardware.line_link import LineLink
 
 
 @dataclass

@@ -11,7 +11,7 @@ from soro_hardware.canopen.driver import CanopenRegulator
 from soro_hardware.emulation.faults.fault_types import read_injection
 from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.port import Exchange
-from soro_hardware.testing.hub_bus import HubBus
+from tests.soro_hardware.hub_bus import HubBus
 
 
 class Guarded:

@@ -15,9 +15,9 @@ from soro_hardware import load_platform
 from soro_hardware.emulation.veab import EmulatedVeabServer
 from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.port import FAULT_CODES
-from soro_hardware.testing.line_link import LineLink
 from soro_hardware.veab import protocol
 from tests.refused import fails
+from tests.soro_hardware.line_link import LineLink
 
 HELD = 50e3
 

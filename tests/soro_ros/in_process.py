@@ -18,5 +18,5 @@ def tip_errors_m(ticks: Iterable[RunTick]) -> np.ndarray:
 
 def tip_error_rms_m(scene: Scene, first_s: float, last_s: float) -> float:
     """Return the distance of the tip from its reference between two times, RMS [m]."""
-    errors = tip_errors_m(ticks_of(scene.with_duration(last_s)))[round(scene.rate_hz * first_s) :]
+    errors = tip_errors_m(ticks_of(scene.with_keys(duration_s=last_s)))[round(scene.rate_hz * first_s) :]
     return float(np.sqrt(np.mean(errors**2)))

@@ -195,7 +195,7 @@ def test_the_nodes_compute_what_one_process_computes(held_up):
         np.testing.assert_array_equal(series.value[first:][:length], own.value[:length], err_msg=name)
         np.testing.assert_allclose(series.t[first:][:length], own.t[:length], atol=1e-9)
     assert np.ptp(recorded.command.value) > 10e3
-    unchanged = scene.with_twin(with_changes(scene.twin, payload_changes={})).with_duration(0.81)
+    unchanged = scene.with_keys(twin=with_changes(scene.twin, payload_changes={})).with_keys(duration_s=0.81)
     constant, _ = run_in_process(unchanged)
     moved = 1e3 * np.linalg.norm(alone.true_tip.value[:161] - constant.true_tip.value[:161], axis=1)
     assert moved[:80].max() == 0.0

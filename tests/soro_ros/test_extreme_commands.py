@@ -11,11 +11,11 @@ from std_msgs.msg import Bool, Float64MultiArray
 
 from soro_hardware import load_platform
 from soro_hardware.canopen.driver import CanopenRegulator
-from soro_hardware.testing.hub_bus import HubBus
 from soro_ros.conversion import messages
 from soro_ros.nodes import regulator
 from soro_ros.topics.intra_process import HANDED_OVER
 from soro_ros.topics.stop_topic import StopTopic
+from tests.soro_hardware.hub_bus import HubBus
 from tests.soro_ros.direct import active, captured, receive, request
 from tests.soro_ros.extremes import extremes
 from tests.soro_ros.test_extreme_messages import CHAMBERS, HIGHEST_PA, assert_finite

@@ -8,10 +8,11 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 
+from benchmarks.segment_runs import fit_frame
 from soro_core import load_robot
 from soro_core.config import find_config
 from soro_lab.bag import BagReader, BagWriter, Qos, Topic
-from soro_lab.identification import curvature_errors, fit_frame, read_forced
+from soro_lab.identification import curvature_errors, read_forced
 from soro_ros.conversion import messages
 from soro_ros.conversion.interfaces import definition
 from soro_ros.run.supervisor import RunMonitor

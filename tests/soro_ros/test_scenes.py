@@ -57,7 +57,7 @@ def test_a_scene_follows_its_reference(name, figure):
     """The loop of its nodes in one process; `test_closed_loop.py` compares it with them to the bit."""
     seconds, most_mm = GOOD[name]
     scene = shipped(name)
-    ticks = list(ticks_of(scene.with_duration(seconds)))
+    ticks = list(ticks_of(scene.with_keys(duration_s=seconds)))
     errors = 1e3 * tip_errors_m(ticks)
     found = last_second_mm(scene, errors)
     figure(f"scene {name}: tip error {found:.2f} mm RMS from {seconds - 1:g} to {seconds:g} s")
@@ -82,5 +82,5 @@ def the_press_keeps_its_force_on_a_wall_that_nobody_told_it(scene, ticks):
 def test_a_controller_that_does_not_learn_fails():
     seconds, most_mm = GOOD["no_devices"]
     scene = shipped("no_devices", **{"controller.adapt": False})
-    errors = 1e3 * tip_errors_m(ticks_of(scene.with_duration(seconds)))
+    errors = 1e3 * tip_errors_m(ticks_of(scene.with_keys(duration_s=seconds)))
     assert last_second_mm(scene, errors) > 4 * most_mm

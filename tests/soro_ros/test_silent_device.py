@@ -12,13 +12,13 @@ from sensor_msgs.msg import JointState
 from soro_hardware import load_platform
 from soro_hardware.canopen.driver import CanopenRegulator
 from soro_hardware.emulation.faults.fault_types import read_injection
-from soro_hardware.testing.hub_bus import HubBus
 from soro_ros.conversion import learning, messages, qos
 from soro_ros.nodes import regulator
 from soro_ros.nodes.controller import ControllerNode
 from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.exciter import ExciterNode
 from soro_ros.topics.diagnostics import ERROR, OK, WARN
+from tests.soro_hardware.hub_bus import HubBus
 from tests.soro_ros.direct import active, captured, fire, receive, request, values
 from tests.soro_ros.running import wait_until
 from tests.soro_ros.test_frames import CHAMBERS, COORDINATES, TICK_NS, upright

@@ -12,11 +12,11 @@ from std_msgs.msg import Bool
 
 from soro_hardware import load_platform
 from soro_hardware.canopen.driver import CanopenRegulator
-from soro_hardware.testing.hub_bus import HubBus
 from soro_ros.conversion import messages
 from soro_ros.nodes import regulator
 from soro_ros.topics import stop_topic
 from soro_ros.topics.stop_topic import reading_stop
+from tests.soro_hardware.hub_bus import HubBus
 from tests.soro_ros.direct import active, fire, receive, request
 from tests.soro_ros.running import wait_until
 

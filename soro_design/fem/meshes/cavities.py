@@ -56,7 +56,6 @@ def surface_around(mesh: Mesh, found: Sequence[InnerSurface], point: ArrayLike) 
     Parameters
     ----------
     mesh : Mesh
-        The mesh.
     found : sequence of InnerSurface
         Of `inner_surfaces`.
     point : array_like, (d,)

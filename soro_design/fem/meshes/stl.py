@@ -46,14 +46,7 @@ def write_stl(path: str | Path, points: Array, triangles: Integers, unit_m: floa
 
 
 def read_stl(path: str | Path, unit_m: float = 1e-3) -> tuple[Array, Integers]:
-    """Return the corners (n, 3) [m] and the triangles (t, 3) of an STL file; corners at one place are one.
-
-    Parameters
-    ----------
-    path : str or Path
-        File, binary or ASCII.
-    unit_m : float
-        Unit of the file [m].
+    """Return corners (n, 3) [m], one at each place, and triangles (t, 3) of an STL file in units of `unit_m`.
 
     Raises
     ------

@@ -42,14 +42,7 @@ def edges_of(faces: Integers, d: int) -> Integers:
 
 
 def solid_surface(mesh: Mesh, u: Array | float = 0.0) -> tuple[Array, Integers]:
-    """Return the corners (n, 3) [m] and triangles (t, 3) of a solid, turned outwards.
-
-    Parameters
-    ----------
-    mesh : Mesh
-        Of a solid.
-    u : ndarray, (n, 3)
-        Displacements [m].
+    """Return corners (n, 3) [m] and triangles (t, 3), turned outwards, of a solid displaced by u (n, 3) [m].
 
     Raises
     ------

@@ -68,14 +68,7 @@ def write_vtu(
 
 
 def write_pvd(path: str | Path, files: Mapping[float, str]) -> None:
-    """Write a series of VTU files for ParaView, which shows them one after the other.
-
-    Parameters
-    ----------
-    path : str or Path
-        File ending in .pvd, which is replaced.
-    files : mapping of float to str
-        Names of files beside it, by time or load.
+    """Write a series of VTU files beside it, by time or load, for ParaView: a file that ends in .pvd.
 
     Raises
     ------

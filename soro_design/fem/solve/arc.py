@@ -33,7 +33,6 @@ def follow(
     Parameters
     ----------
     part : Part
-        The part.
     load : float
         Load factor above 0 at which to end, once the path rises to it.
     settings : SolverSettings, optional

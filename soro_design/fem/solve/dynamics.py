@@ -117,7 +117,6 @@ def march(
     Parameters
     ----------
     part : Part
-        The part.
     step_s : float
         Length of a step.
     steps : int

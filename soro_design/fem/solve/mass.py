@@ -62,7 +62,6 @@ def modes(part: Part, state: EquilibriumState | None = None, count: int = 6) -> 
     Parameters
     ----------
     part : Part
-        The part.
     state : EquilibriumState, optional
         In equilibrium; by default the undeformed part without loads.
     count : int

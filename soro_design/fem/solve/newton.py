@@ -26,7 +26,6 @@ def solve(
     Parameters
     ----------
     part : Part
-        The part.
     loads : sequence of float
         Load factors to stop at, rising from above 0.
     settings : SolverSettings, optional

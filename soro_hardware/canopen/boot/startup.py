@@ -118,7 +118,6 @@ def configure_node(
     Parameters
     ----------
     sdo : SdoClient
-        Client of the node.
     node : int
         Node id.
     channels : tuple of int
@@ -127,10 +126,6 @@ def configure_node(
         Range and times.
     device : Device
         Kind of device.
-
-    Returns
-    -------
-    tuple of Scaling
 
     Raises
     ------

@@ -106,7 +106,6 @@ class ObjectDictionary:
         index, sub : int
             Index and sub-index of the object.
         value : int
-            Value.
 
         Raises
         ------

@@ -195,7 +195,6 @@ class Hub:
         controller : BusController
             Sender.
         frame : Frame
-            Frame to send.
         now_ns : int
             Present time [ns].
 

@@ -198,7 +198,6 @@ class Channel(ABC):
         request : Request
             Sent request.
         line : bytes
-            Answer.
         now_ns : int
             Time of the line [ns].
 

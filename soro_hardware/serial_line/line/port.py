@@ -143,7 +143,6 @@ def open_with_retries(path: str, baud: int, limit_s: float, clock: Callable[[], 
     Parameters
     ----------
     path : str
-        Path of the port.
     baud : int
         Baud rate.
     limit_s : float

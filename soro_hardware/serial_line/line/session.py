@@ -62,7 +62,6 @@ class StartupSession:
         Parameters
         ----------
         question : bytes
-            Request.
         step : str
             Name of the step in errors.
         read : callable

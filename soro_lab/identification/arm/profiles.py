@@ -15,13 +15,7 @@ from soro_lab.identification.arm.stages import ArmIdentification
 
 
 def least_certain(found: ArmIdentification, count: int = 3) -> tuple[str, ...]:
-    """Return the numbers of the arm that are determined, inside their bounds and least certain.
-
-    Parameters
-    ----------
-    found : ArmIdentification
-    count : int
-    """
+    """Return the numbers of the arm that are determined, inside their bounds and least certain."""
     sure = found.certainty
     doubts = {
         n.name: sure.deviations[n.name] / n.doubt

@@ -33,14 +33,7 @@ _EXPERIMENTS = {
 
 
 def robot_text(found: ArmIdentification, sources: Sequence[str]) -> str:
-    """Return the robot file.
-
-    Parameters
-    ----------
-    found : ArmIdentification
-    sources : sequence of str
-        Names of the recordings.
-    """
+    """Return the robot file, with the names of the recordings."""
     keys = fields(found.robot)
     keys["links"] = [_plain(link) for link in keys["links"]]
     lines = [
@@ -97,13 +90,7 @@ def marks(name: str, found: ArmIdentification, odd: Sequence[Unphysical]) -> Ite
 
 
 def origin(name: str, found: ArmIdentification) -> str:
-    """Return where a number comes from.
-
-    Parameters
-    ----------
-    name : str
-    found : ArmIdentification
-    """
+    """Return where a number comes from."""
     if name.startswith("frame/"):
         return "identified, of the measurement"
     if name in found.kept:

@@ -99,7 +99,6 @@ def still_limits(
     Parameters
     ----------
     recordings : sequence of Recording
-        Recordings of one arm.
     pressure, shape : float
         Limit of pressures, part of their range; of the shape, part of the largest range of its kind.
     """

@@ -136,7 +136,6 @@ def fit_leak(law: LeakLaw, t: Array, pressure: Array) -> Fit:
     Parameters
     ----------
     law : LeakLaw
-        The law.
     t, pressure : ndarray (n,)
         Times [s], the first one that of the start, and gauge pressures [Pa].
     """

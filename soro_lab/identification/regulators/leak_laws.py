@@ -91,7 +91,6 @@ def fall(law: LeakLaw, values: tuple[float, ...], start_pa: float, t: Array) -> 
     Parameters
     ----------
     law : LeakLaw
-        The law.
     values : tuple of float
         Its parameters; a negative rate is one that creates air.
     start_pa : float

@@ -38,15 +38,7 @@ def air_text(found: FoundAir) -> list[str]:
 
 
 def air_yaml(found: FoundAir, names: Sequence[str]) -> str:
-    """Return the file of regulators: blocks to paste, then each number with deviation, origin and error.
-
-    Parameters
-    ----------
-    found : FoundAir
-        What the stages found.
-    names : sequence of str
-        Names of the recordings.
-    """
+    """Return the file of regulators: blocks to paste, then each number with deviation, origin and error."""
     data: dict[str, Any] = {}
     identified: dict[str, Any] = {"recordings": list(names)}
     twin: dict[str, Any] = {}

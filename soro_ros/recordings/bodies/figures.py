@@ -50,12 +50,6 @@ class BodyFigures:
 def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
     """Return the figures of the bodies of a run that are not fixed, by name; none without control.
 
-    Parameters
-    ----------
-    bag : Path
-        Folder of the bag.
-    scene : Scene
-
     Raises
     ------
     BagError

@@ -77,15 +77,7 @@ def tracks_of(bag: Path, scene: Scene, zero: str) -> dict[str, BodyTrack]:
 
 
 def messages_of(bag: Path, kinds: dict[str, Any]) -> dict[str, list[tuple[int, Any]]]:
-    """Return stamps [ns] and messages by topic.
-
-    Parameters
-    ----------
-    bag : Path
-        Folder of the bag.
-    kinds : dict of str to type
-        Class of the messages of each topic.
-    """
+    """Return stamps [ns] and messages by topic."""
     from soro_lab.bag import BagReader
     from soro_ros.conversion import messages
     from soro_ros.conversion.decoding import Messages

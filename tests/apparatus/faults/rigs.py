@@ -25,11 +25,11 @@ from soro_hardware.limited_regulator import LimitedRegulator
 from soro_hardware.platform import PlatformBase
 from soro_hardware.serial_line.config import SerialPlatform
 from soro_hardware.serial_line.dialects import AlicatRegulator, ItvRegulator
-from soro_hardware.testing.hub_bus import HubBus
-from soro_hardware.testing.line_link import LineLink, LinePort
 from soro_hardware.veab.driver import VeabRegulator
 from soro_hardware.vtem.driver import VtemRegulator
 from tests.apparatus.faults.rows import Row
+from tests.soro_hardware.hub_bus import HubBus
+from tests.soro_hardware.line_link import LineLink, LinePort
 
 
 @dataclass

@@ -6,17 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from benchmarks.segment_runs import forced_curvature, release_bend
 from soro_core.errors import ConfigError, ModelError
 from soro_core.model import SoftArm
 from soro_core.robot import Robot, robot_from_dict
-from soro_lab.identification import (
-    ForcedRun,
-    Parameter,
-    fit,
-    forced_curvature,
-    release_bend,
-    residuals_or_none,
-)
+from soro_lab.identification import ForcedRun, Parameter, fit, residuals_or_none
 from soro_lab.identification.search import LOSSES, Loss
 from tests.refused import fails
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soro_lab.identification import MeasurementFrame, curvature_errors, fit_frame
+from benchmarks.segment_runs import fit_frame
+from soro_lab.identification import MeasurementFrame, curvature_errors
 
 ANGLES = st.floats(-3.1, 3.1)
 OFFSETS = st.floats(-2, 2)

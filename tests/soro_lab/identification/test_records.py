@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.segment_runs import read_release
 from soro_core.errors import ConfigError
-from soro_lab.identification import read_forced, read_release
+from soro_lab.identification import read_forced
 from tests.refused import fails
 
 GOOD = "t,p1,p2,p3,kx,ky\n0,1000,2000,3000,0.5,-0.5\n1,2000,2000,1000,1.5,-1.5\n"

@@ -3,12 +3,13 @@
 import numpy as np
 import pytest
 
+from benchmarks.segment_runs import forced_curvature, release_bend
 from soro_core.errors import ModelError
 from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Robot, load_robot, robot_from_dict
-from soro_lab.identification import ForcedRun, forced_curvature, release_bend
+from soro_lab.identification import ForcedRun
 from tests.refused import fails
 
 

@@ -6,21 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from benchmarks.segment_runs import ReleaseRun, fit_frame, forced_curvature, read_release, release_bend
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Robot, load_robot
-from soro_lab.identification import (
-    ForcedRun,
-    Parameter,
-    ReleaseRun,
-    curvature_errors,
-    fit,
-    fit_frame,
-    forced_curvature,
-    read_forced,
-    read_release,
-    release_bend,
-)
+from soro_lab.identification import ForcedRun, Parameter, curvature_errors, fit, read_forced
 
 FRAME_UNTIL_S = 12.0
 

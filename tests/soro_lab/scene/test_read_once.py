@@ -62,7 +62,7 @@ def test_a_loop_in_one_process_does_not_check_again():
 
 
 def test_the_loop_and_another_model_use_what_is_read(reads):
-    scene = load_scene("track_circle").with_model(ModelSection(links=1))
+    scene = load_scene("track_circle").with_keys(model=ModelSection(links=1))
     for _ in range(2):
         drive(scene, Discretisation(), 0.01)
     assert reads["tue_three_bellow.yaml"] == reads["emulated_canopen.yaml"] == 1

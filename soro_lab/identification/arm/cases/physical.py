@@ -71,13 +71,7 @@ class Unphysical:
 
 
 def check_described(robot: Robot, where: str) -> None:
-    """Refuse a robot that no matter can be.
-
-    Parameters
-    ----------
-    robot : Robot
-    where : str
-        File, for the error.
+    """Refuse a robot that no matter can be; `where` is its file.
 
     Raises
     ------

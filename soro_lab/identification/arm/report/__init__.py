@@ -13,14 +13,7 @@ __all__ = ["ReportContent", "write_report"]
 
 
 def write_report(result: ReportContent, folder: Path) -> Path:
-    """Write index.html, report.json and the folder pictures; return the page.
-
-    Parameters
-    ----------
-    result : ReportContent
-    folder : Path
-        Made where it does not exist.
-    """
+    """Write index.html, report.json and pictures into a folder, created if missing; return the page."""
     seen = traces(result.found)
     content = content_of(result, seen)
     return write(page_of(content, seen), content, folder)

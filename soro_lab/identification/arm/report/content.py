@@ -61,14 +61,7 @@ class ReportContent:
 
 
 def content_of(result: ReportContent, traces: Sequence[ShapeTrace]) -> Content:
-    """Return all numbers of a report.
-
-    Parameters
-    ----------
-    result : ReportContent
-    traces : sequence of ShapeTrace
-        Of its identification.
-    """
+    """Return all numbers of a report."""
     found = result.found
     runs = _runs(traces)
     content: Content = {

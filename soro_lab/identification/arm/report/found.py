@@ -15,13 +15,7 @@ from soro_lab.identification.recording.streams import Attitude, Curvature, Marke
 
 
 def numbers_of(found: ArmIdentification, unphysical: Sequence[Unphysical]) -> list[dict[str, Any]]:
-    """Return an entry for each number.
-
-    Parameters
-    ----------
-    found : ArmIdentification
-    unphysical : sequence of Unphysical
-    """
+    """Return an entry for each number."""
     sure = found.certainty
     return [
         {

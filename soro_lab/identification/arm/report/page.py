@@ -18,14 +18,7 @@ from soro_lab.reporting.html import Block, Bullets, Chapter, Heading, Page, Pict
 
 
 def page_of(content: Content, traces: Sequence[ShapeTrace]) -> Page:
-    """Return the page.
-
-    Parameters
-    ----------
-    content : dict
-        Of report.json.
-    traces : sequence of ShapeTrace
-    """
+    """Return the page of the content of report.json."""
     verdict = content["verdict"]
     return Page(
         f"Identification of {content['robot']}",

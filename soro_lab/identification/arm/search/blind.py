@@ -25,11 +25,6 @@ _ALLOWED = "a stream that the arm shows: correct its link and direction in the c
 def check_motion(arm: SoftArm, recordings: Sequence[Recording]) -> None:
     """Refuse a stream that stays the same whatever the arm does, as the bend of a link that cannot bend so.
 
-    Parameters
-    ----------
-    arm : SoftArm
-    recordings : sequence of Recording
-
     Raises
     ------
     ConfigError
@@ -46,12 +41,6 @@ def check_motion(arm: SoftArm, recordings: Sequence[Recording]) -> None:
 
 def check_numbers(problem: Problem, solution: FitSolution) -> None:
     """Refuse a stream on which no number of the robot has an effect, as one that no pressure moves.
-
-    Parameters
-    ----------
-    problem : Problem
-    solution : FitSolution
-        Of this problem.
 
     Raises
     ------

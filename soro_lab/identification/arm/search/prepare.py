@@ -45,7 +45,6 @@ def split(
     rate_hz : float
         Samples a second that are compared.
     named : collection of str
-        Names of recordings that are held out as a whole.
 
     Raises
     ------

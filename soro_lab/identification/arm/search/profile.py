@@ -108,7 +108,6 @@ def linear(optimum: Optimum, index: int, deviation: float) -> tuple[ProfilePoint
     ----------
     optimum : Optimum
     index : int
-        Of the number.
     deviation : float
         Its deviation, in the unit of x.
     """
@@ -129,7 +128,6 @@ def searched(
         Residuals (m,) at x (n,); None where there are none.
     optimum : Optimum
     index : int
-        Of the number.
     deviation : float
         Its deviation, in the unit of x.
     most : int

@@ -60,13 +60,6 @@ def scale_deviation(numbers: Sequence[ArmParameter], sure: Uncertainty) -> float
     """Return the deviation of the scale of moments, and so of lateral forces, as a part of it.
 
     That of gain times moment arm, of the link for which it is least certain; None where no gain is searched.
-
-    Parameters
-    ----------
-    numbers : sequence of ArmParameter
-        Of the problem.
-    sure : Uncertainty
-        Of its solution.
     """
     at = {number.name: k for k, number in enumerate(numbers)}
     found = []
@@ -79,13 +72,7 @@ def scale_deviation(numbers: Sequence[ArmParameter], sure: Uncertainty) -> float
 
 
 def certainty(problem: Problem, solution: FitSolution) -> Uncertainty:
-    """Return how sure the numbers of a solution are.
-
-    Parameters
-    ----------
-    problem : Problem
-    solution : FitSolution
-    """
+    """Return how sure the numbers of a solution are."""
     covariance = _covariance(problem, solution)
     spread = np.sqrt(np.diag(covariance))
     correlation = covariance / np.outer(spread, spread)
@@ -104,11 +91,6 @@ def not_determined(problem: Problem, solution: FitSolution) -> dict[str, tuple[s
     """Return numbers of the robot to be fixed so that the data determine the others, with what stays open.
 
     The least certain number goes first; the covariance of the others is that with those fixed.
-
-    Parameters
-    ----------
-    problem : Problem
-    solution : FitSolution
     """
     free = list(range(len(problem.numbers)))
     found: dict[str, tuple[str, ...]] = {}

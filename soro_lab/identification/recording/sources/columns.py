@@ -237,7 +237,6 @@ def chambers_of(columns: Columns, robot: Robot | None, where: str) -> tuple[str,
     Parameters
     ----------
     columns : Columns
-        The column map.
     robot : Robot or None
         Robot of the recording; None of air alone, which has pressures in columns.
     where : str
@@ -266,7 +265,6 @@ def check_columns(columns: Columns, robot: Robot, where: str) -> None:
     Parameters
     ----------
     columns : Columns
-        The column map.
     robot : Robot
         Robot of the recording.
     where : str

@@ -66,7 +66,6 @@ def read_csv(
     Parameters
     ----------
     path : path
-        File.
     columns : Columns or path
         The column map, its YAML file, or the name of a shipped one (config/recordings).
     robot : Robot or None

@@ -1,10 +1,13 @@
-"""Simulation of recorded runs with a robot model.
+"""Recorded runs of one segment: their simulation with a robot model, releases, and the fitted frame.
 
 A measured curvature is the bending angle divided by the length: the mean of a strain that varies along the
 link. A release starts from a curvature that is uniform along the link.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +18,33 @@ from soro_core.integrate import simulate
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot.coordinates import StrainFields, strain_fields
-from soro_lab.identification.records import ForcedRun
+from soro_lab.identification.frame import MeasurementFrame, paired
+from soro_lab.identification.records import ForcedRun, read_columns
+
+# Iterations of re-weighting; each reduces the weight of outliers, 20 converge to 1e-6.
+_ROUNDS = 20
+
+
+@dataclass(frozen=True)
+class ReleaseRun:
+    """Bending angle after the release of the tip.
+
+    Attributes
+    ----------
+    t : array of shape (n_t,)
+        Time [s], from 0.
+    bend : array of shape (n_t,)
+        Bending angle kappa L (1 + eps) [rad].
+    """
+
+    t: Array
+    bend: Array
+
+
+def read_release(path: str | Path) -> ReleaseRun:
+    """Read a release with the columns t [s] and bend_deg [degrees]; errors as `read_forced`."""
+    columns = read_columns(path, ("t", "bend_deg"))
+    return ReleaseRun(columns["t"] - columns["t"][0], np.radians(columns["bend_deg"]))
 
 
 def forced_curvature(arm: SoftArm, run: ForcedRun, dt: float = 0.02, link: int = 0) -> tuple[Array, Array]:
@@ -103,6 +132,38 @@ def release_bend(
     if not np.isfinite(q).all() or result.t[-1] < t_end - 1.5 * dt:
         raise ModelError(f"the release failed at {result.t[-1]} s: {result.status.message}")
     return np.asarray(result.t, float), (q @ curvature) * length * (1 + q @ stretch)
+
+
+def fit_frame(
+    measured: ArrayLike, simulated: ArrayLike, outlier_scale: float | None = None
+) -> MeasurementFrame:
+    """Return the rotation and offset with the smallest difference of simulated and measured curvatures.
+
+    Parameters
+    ----------
+    measured, simulated : array_like of shape (n, 2)
+        Curvatures [1/m] at the same times.
+    outlier_scale : float, optional
+        Errors e beyond this scale [1/m] have less weight, 1 / sqrt(1 + (e / scale)^2) (soft-L1 loss). None:
+        ordinary least squares, in closed form.
+    """
+    measured, simulated = paired(measured, simulated)
+    frame = _weighted(measured, simulated, np.ones(len(measured)))
+    for _ in range(_ROUNDS if outlier_scale is not None else 0):
+        error = np.linalg.norm(measured - frame.apply(simulated), axis=1)
+        frame = _weighted(measured, simulated, 1.0 / np.sqrt(1.0 + (error / outlier_scale) ** 2))
+    return frame
+
+
+def _weighted(measured: Array, simulated: Array, weight: Array) -> MeasurementFrame:
+    """Return the weighted fit in closed form: rotation from the complex correlation, then the offset."""
+    a, b = simulated @ np.array([1, 1j]), measured @ np.array([1, 1j])
+    total = weight.sum()
+    mean_a, mean_b = (weight * a).sum() / total, (weight * b).sum() / total
+    correlation = (weight * (b - mean_b) * (a - mean_a).conj()).sum()
+    rotation = float(np.angle(correlation))
+    offset = mean_b - mean_a * np.exp(1j * rotation)
+    return MeasurementFrame(rotation, (float(offset.real), float(offset.imag)))
 
 
 def _mean(fields: StrainFields, strain: str, link: int) -> Array:

@@ -63,7 +63,7 @@ class RodGeometry(Strict):
         return RodCounts(self.around, self.across, self.along, self.plug)
 
     @property
-    def wall_m(self) -> float:
+    def least_wall_m(self) -> float:
         """Least thickness of a wall or a plug [m]."""
         between = 2.0 * (self.chamber_offset_m * math.sin(math.pi / self.chambers) - self.chamber_radius_m)
         outside = self.radius_m - self.chamber_offset_m - self.chamber_radius_m
@@ -84,7 +84,7 @@ class PneunetGeometry(Strict):
     layer_m: Annotated[float, Field(description="thickness of the layer below the air")]
     channel_m: Annotated[float, Field(description="height and width of the channel between chambers")]
     end_m: Annotated[float, Field(description="length of the solid part at each end")]
-    across: Annotated[Count, Field(description="elements across walls, layer, channel and gaps")] = 2
+    across: Annotated[Count, Field(description="elements across walls, layer, channel and gaps")] = 1
     between: Annotated[Count, Field(description="elements between walls, up a chamber twice as many")] = 2
 
     @property
@@ -92,6 +92,11 @@ class PneunetGeometry(Strict):
         """The PneuNet."""
         keys = (field.name for field in fields(PneunetShape))
         return PneunetShape(**{key: getattr(self, key) for key in keys})
+
+    @property
+    def least_wall_m(self) -> float:
+        """Least thickness of a wall, the layer or an end [m]."""
+        return min(self.wall_m, self.layer_m, self.end_m)
 
 
 class BellowsGeometry(Strict):
@@ -130,6 +135,11 @@ class BellowsGeometry(Strict):
             self.end_m,
         )
 
+    @property
+    def least_wall_m(self) -> float:
+        """Thickness of the wall [m]."""
+        return self.wall_m
+
 
 class TubeGeometry(Strict):
     """A round tube about an axis, whose ends keep their planes."""
@@ -154,7 +164,7 @@ class TubeGeometry(Strict):
         return value
 
     @property
-    def wall_m(self) -> float:
+    def least_wall_m(self) -> float:
         """Thickness of the wall [m]."""
         return self.outer_radius_m - self.inner_radius_m
 

@@ -53,7 +53,7 @@ class PneunetShape:
             "gap_m": (0.0 < self.gap_m < most_gap, f"above 0, below pitch_m less two walls, {most_gap:g}"),
             "channel_m": (
                 0.0 < self.channel_m < most_channel,
-                f"above 0, below width_m less two walls and height_m less layer and two walls, {most_channel:g}",
+                f"above 0, below width_m less two walls and height_m less all layers, {most_channel:g}",
             ),
             "height_m": (np.isfinite(self.height_m), "a finite number"),
             "width_m": (np.isfinite(self.width_m), "a finite number"),

@@ -91,6 +91,7 @@ def _balanced(
         lacks = float(balance.unbalanced[tip, 1].sum()) - lid
         off = max(float(np.linalg.norm(equations.free(balance))), abs(lacks))
         if off <= TOLERANCE * max(balance.size, lid):
-            return FreeEnd(u, slopes[1])
+            # Beyond a limit point there are states that no end comes to.
+            return FreeEnd(u, slopes[1]) if slopes[1] > 0.0 else None
         u, balance = shortened(balance_at, u, alone - (lacks + slopes[0]) / slopes[1] * raised)
     return None

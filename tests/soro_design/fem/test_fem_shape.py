@@ -112,7 +112,7 @@ def test_a_pneunet_is_closed_and_bends_away_from_its_chambers():
 
 
 def test_the_search_reaches_the_best_of_a_grid(tube):
-    task = make_task(tube, "stroke", VARY, pressure_pa=4e3, max_stretch=1.2)
+    task = make_task(tube, "stroke", VARY, pressure_pa=15e3, max_stretch=1.2)
     state = ShapeSearch(task)
     optimise(state, Here(), 36, lambda now: None)
     grid = [np.array(point) for point in product(np.linspace(0.0, 1.0, 11), repeat=2)]

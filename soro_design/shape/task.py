@@ -76,7 +76,7 @@ class ShapeTask:
     def point_of(self, geometry: StatedGeometry) -> Array:
         """Return the dimensions as a point of the unit cube, at its nearest side where they lie outside."""
         shares = [(getattr(geometry, one.key) - one.low) / (one.high - one.low) for one in self.varied]
-        return np.clip(shares, 0.0, 1.0)
+        return np.asarray(np.clip(shares, 0.0, 1.0))
 
     def values(self, point: Array) -> dict[str, Any]:
         """Return the dimensions at a point of the unit cube, of five digits or whole."""

@@ -67,7 +67,7 @@ def shape(
     from soro_hardware import signals
 
     path = find_config(part, "parts")
-    task = make_task(load_part(path), goal, vary, sweep, pressure, max_stretch, min_wall)
+    task = make_task(load_part(path), goal, vary, sweep, pressure, (max_stretch, min_wall))
     folder = Path(f"{task.file.name}_shape") if out is None else out
     try:
         folder.mkdir(parents=True)

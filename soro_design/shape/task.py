@@ -148,8 +148,7 @@ def make_task(
     vary: list[str],
     sweep: str = "",
     pressure_pa: float | None = None,
-    max_stretch: float | None = None,
-    min_wall_m: float = 0.0,
+    limits: tuple[float | None, float] = (None, 0.0),
 ) -> ShapeTask:
     """Return the task of a command line.
 
@@ -164,16 +163,15 @@ def make_task(
         Name of one of the file; default: the first with a pressure.
     pressure_pa : float, optional
         Greatest pressure, to which those of the sweep are scaled.
-    max_stretch : float, optional
-        Greatest stretch; default: that at which the material breaks.
-    min_wall_m : float
+    limits : tuple of float
+        Greatest stretch, by default, None, that at which the material breaks; least thickness of a wall [m].
 
     Raises
     ------
     ConfigError
         One line for what is not allowed.
     """
-    geometry = file.geometry
+    geometry, (max_stretch, min_wall_m) = file.geometry, limits
     if isinstance(geometry, MeshGeometry):
         raise ConfigError(COMMAND, "geometry.kind", "mesh", "a part of stated dimensions")
     if goal not in GOALS:

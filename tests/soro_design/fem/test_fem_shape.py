@@ -112,7 +112,7 @@ def test_a_pneunet_is_closed_and_bends_away_from_its_chambers():
 
 
 def test_the_search_reaches_the_best_of_a_grid(tube):
-    task = make_task(tube, "stroke", VARY, pressure_pa=15e3, max_stretch=1.2)
+    task = make_task(tube, "stroke", VARY, pressure_pa=15e3, limits=(1.2, 0.0))
     state = ShapeSearch(task)
     optimise(state, Here(), 36, lambda now: None)
     grid = [np.array(point) for point in product(np.linspace(0.0, 1.0, 11), repeat=2)]
@@ -125,7 +125,7 @@ def test_the_search_reaches_the_best_of_a_grid(tube):
 
 
 def test_designs_without_equilibrium_do_not_end_the_search(tube):
-    task = make_task(tube, "stroke", VARY, pressure_pa=60e3, max_stretch=5.0)
+    task = make_task(tube, "stroke", VARY, pressure_pa=60e3, limits=(5.0, 0.0))
     state = ShapeSearch(task)
     optimise(state, Here(), 16, lambda now: None)
     assert any(found.cause for _, found in state.designs)
@@ -146,7 +146,7 @@ def test_the_command_writes_part_table_and_picture(soro, tmp_path):
     assert better.geometry.outer_radius_m - better.geometry.inner_radius_m >= 2e-3
     assert better.sweeps == load_part("part.yaml").sweeps
     best = max(float(row["stroke"]) for row in rows if float(row["stretch"] or 9) <= 1.2)
-    task = make_task(load_part("part.yaml"), "stroke", VARY, pressure_pa=4e3, max_stretch=1.2)
+    task = make_task(load_part("part.yaml"), "stroke", VARY, pressure_pa=4e3, limits=(1.2, 0.0))
     assert figures("stroke", task.sweep, better).goal == pytest.approx(best, rel=0.02)
     with Image.open(folder / "shape.png") as drawn:
         assert drawn.width > 400

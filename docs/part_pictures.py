@@ -31,8 +31,10 @@ def main() -> None:
         file = load_part(name)
         specimen = make_specimen(file)
         sweeps = [sweep for sweep in file.sweeps if sweep.name in shown]
-        shapes = {sweep.name: follow(specimen, sweep, lambda state: None).last.u for sweep in sweeps}
-        draw_shapes(folder / f"{name}.png", specimen, shapes)
+        shapes = {
+            sweep.name: (specimen, follow(specimen, sweep, lambda state: None).last.u) for sweep in sweeps
+        }
+        draw_shapes(folder / f"{name}.png", shapes)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ import typer
 from soro_core.config import name_argument
 from soro_core.errors import ConfigError, ModelError
 from soro_core.files.units import unit_option
+from soro_design.commands.shape import shape as shape_command
 
 if TYPE_CHECKING:
     from soro_core.arrays import Array
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
 
 app = typer.Typer(no_args_is_help=True)
 TASK_FILE, FILM, PICTURE = "task.yaml", "film.gif", "design.png"
+app.command("shape")(shape_command)
 Folder = Annotated[Path, typer.Argument(help="Folder of a run.", exists=True, file_okay=False)]
 
 

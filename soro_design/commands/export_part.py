@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from soro_core.arrays import Array, Integers
 from soro_core.errors import ConfigError, ModelError
 
 if TYPE_CHECKING:
@@ -36,6 +35,7 @@ def export_part(source: str, stl: Path | None, step: Path | None, pieces: int) -
     from soro_core.config import find_config
     from soro_design.fem.meshes.surface import revolved, solid_surface
     from soro_design.parts.file import load_part
+    from soro_design.parts.geometry import PneunetGeometry
     from soro_design.parts.mesh_geometry import MeshGeometry
     from soro_design.parts.specimen import make_specimen
     from soro_design.parts.step import write_step
@@ -48,8 +48,9 @@ def export_part(source: str, stl: Path | None, step: Path | None, pieces: int) -
         raise ConfigError("soro design export", "", source, f"a folder of a run, {error.allowed}") from None
     file = load_part(path)
     if step is not None:
-        if isinstance(file.geometry, MeshGeometry):
-            raise ConfigError(str(path), "geometry.kind", "mesh", "a part of stated dimensions, for --step")
+        if isinstance(file.geometry, MeshGeometry | PneunetGeometry):
+            allowed = "a rod, bellows or a tube, for --step"
+            raise ConfigError(str(path), "geometry.kind", file.geometry.kind, allowed)
         typer.echo(f"{step}: a solid of {1e9 * write_step(step, file.geometry):.6g} mm3")
     if stl is not None:
         mesh = make_specimen(file).part.mesh

@@ -66,7 +66,7 @@ def run(
         stopped, interrupted = follow_all(file, specimen, kept, Console(stderr=True), executor)
     if kept.rows:
         draw_curves(folder / "curves.png", kept.rows)
-        draw_shapes(folder / "shapes.png", specimen, kept.shapes)
+        draw_shapes(folder / "shapes.png", {name: (specimen, u) for name, u in kept.shapes.items()})
         typer.echo("\n".join(strength_lines(specimen.part.material, *greatest_stretch(folder))))
     typer.echo(f"written: {folder}, {len(kept.rows)} states")
     if interrupted or stopped:

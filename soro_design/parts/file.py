@@ -14,7 +14,7 @@ from soro_core.robot.vectors import Quaternion
 from soro_design.fem.contact import Contact, Obstacle
 from soro_design.fem.elements.material import Hyperelastic, Material, load_material
 from soro_design.fem.elements.mesh import Space
-from soro_design.parts.geometry import BellowsGeometry, Geometry, RodGeometry
+from soro_design.parts.geometry import Geometry, PneunetGeometry, RodGeometry, TubeGeometry
 from soro_design.parts.mesh_geometry import AXES, MeshGeometry, Region
 from soro_design.parts.tendons import PartTendon
 
@@ -178,8 +178,8 @@ def check_part(part: PartFile, where: str) -> None:
         _check_mesh(geometry, where)
     else:
         _check_shape(geometry, where)
-    space = "solid" if isinstance(geometry, RodGeometry) else getattr(geometry, "space", "axisymmetric")
-    if part.tendons and space != "solid":
+    space = geometry.space
+    if part.tendons and (space != "solid" or isinstance(geometry, PneunetGeometry)):
         raise ConfigError(where, "tendons", len(part.tendons), "none of a section: of a rod or a solid mesh")
     for i, plane in enumerate(part.contact.planes if part.contact is not None else ()):
         for key in ("through_m", "normal"):
@@ -195,7 +195,7 @@ def check_part(part: PartFile, where: str) -> None:
 
 def _check_shape(geometry: Geometry, where: str) -> None:
     try:
-        if isinstance(geometry, RodGeometry | BellowsGeometry):
+        if not isinstance(geometry, TubeGeometry | MeshGeometry):
             _ = geometry.shape
         if isinstance(geometry, RodGeometry):
             _ = geometry.counts
@@ -253,8 +253,9 @@ def _check_sweep(sweep: LoadSweep, part: PartFile, where: str, key: str) -> None
             raise ConfigError(where, f"{key}.{name}", list(values), allowed)
     if any(sweep.force_n):
         _check_force(sweep, geometry, where, f"{key}.force_n")
-    if sweep.extension_m and isinstance(geometry, RodGeometry):
-        raise ConfigError(where, f"{key}.extension_m", sweep.extension_m, "0 of a rod: state force_n")
+    if sweep.extension_m and isinstance(geometry, RodGeometry | PneunetGeometry):
+        allowed = "0 of a rod or a PneuNet: state force_n"
+        raise ConfigError(where, f"{key}.extension_m", sweep.extension_m, allowed)
     if sweep.extension_m and isinstance(geometry, MeshGeometry) and geometry.moved is None:
         allowed = "0 where geometry.moved is not stated"
         raise ConfigError(where, f"{key}.extension_m", sweep.extension_m, allowed)
@@ -264,7 +265,7 @@ def _check_sweep(sweep: LoadSweep, part: PartFile, where: str, key: str) -> None
 
 def _check_force(sweep: LoadSweep, geometry: Geometry, where: str, key: str) -> None:
     """Of a force that is not 0."""
-    if isinstance(geometry, RodGeometry):
+    if isinstance(geometry, RodGeometry | PneunetGeometry):
         return
     allowed = "0 of a part about an axis: state extension_m, the force is computed"
     if isinstance(geometry, MeshGeometry):

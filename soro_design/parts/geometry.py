@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+import math
+from dataclasses import fields
+from typing import Annotated, ClassVar, Literal, TypeAlias
 
 from pydantic import Field, field_validator
 
 from soro_core.config import Strict
+from soro_design.fem.elements.mesh import Space
 from soro_design.fem.meshes.bellows import Bellows
+from soro_design.fem.meshes.pneunet import PneunetShape
 from soro_design.fem.meshes.rod import RodCounts, RodShape
 from soro_design.parts.mesh_geometry import MeshGeometry
 
@@ -25,6 +29,7 @@ class Hoops(Strict):
 class RodGeometry(Strict):
     """A round rod with chambers (`RodShape`), of hex8, and hoops around the chambers."""
 
+    space: ClassVar[Space] = "solid"
     kind: Literal["rod_with_chambers"]
     length_m: Annotated[float, Field(description="of the rod")]
     radius_m: Annotated[float, Field(description="of the rod")]
@@ -57,10 +62,47 @@ class RodGeometry(Strict):
         """Its elements."""
         return RodCounts(self.around, self.across, self.along, self.plug)
 
+    @property
+    def least_wall_m(self) -> float:
+        """Least thickness of a wall or a plug [m]."""
+        between = 2.0 * (self.chamber_offset_m * math.sin(math.pi / self.chambers) - self.chamber_radius_m)
+        outside = self.radius_m - self.chamber_offset_m - self.chamber_radius_m
+        return min(min(1.0, self.taper) * min(between, outside), self.plug_m)
+
+
+class PneunetGeometry(Strict):
+    """A bending actuator of chambers on a layer (`PneunetShape`), of hex8, upright, chambers towards x."""
+
+    space: ClassVar[Space] = "solid"
+    kind: Literal["pneunet"]
+    chambers: Annotated[int, Field(description="1 to 50, of one pressure")]
+    pitch_m: Annotated[float, Field(description="from one chamber to the next")]
+    gap_m: Annotated[float, Field(description="air between two chambers")]
+    height_m: Annotated[float, Field(description="of the whole, along x")]
+    width_m: Annotated[float, Field(description="of the whole, along y")]
+    wall_m: Annotated[float, Field(description="thickness of walls and roofs")]
+    layer_m: Annotated[float, Field(description="thickness of the layer below the air")]
+    channel_m: Annotated[float, Field(description="height and width of the channel between chambers")]
+    end_m: Annotated[float, Field(description="length of the solid part at each end")]
+    across: Annotated[Count, Field(description="elements across walls, layer, channel and gaps")] = 1
+    between: Annotated[Count, Field(description="elements between walls, up a chamber twice as many")] = 2
+
+    @property
+    def shape(self) -> PneunetShape:
+        """The PneuNet."""
+        keys = (field.name for field in fields(PneunetShape))
+        return PneunetShape(**{key: getattr(self, key) for key in keys})
+
+    @property
+    def least_wall_m(self) -> float:
+        """Least thickness of a wall, the layer or an end [m]."""
+        return min(self.wall_m, self.layer_m, self.end_m)
+
 
 class BellowsGeometry(Strict):
     """Bellows about an axis (`Bellows`), whose ends keep their planes."""
 
+    space: ClassVar[Space] = "axisymmetric"
     kind: Literal["bellows"]
     lobes: Annotated[int, Field(description="1 or more")]
     pitch_m: Annotated[float, Field(description="length of a lobe with its neck")]
@@ -93,10 +135,16 @@ class BellowsGeometry(Strict):
             self.end_m,
         )
 
+    @property
+    def least_wall_m(self) -> float:
+        """Thickness of the wall [m]."""
+        return self.wall_m
+
 
 class TubeGeometry(Strict):
     """A round tube about an axis, whose ends keep their planes."""
 
+    space: ClassVar[Space] = "axisymmetric"
     kind: Literal["tube"]
     length_m: Annotated[Positive, Field(description="along the axis")]
     inner_radius_m: Annotated[Positive, Field(description="of the wall")]
@@ -115,5 +163,11 @@ class TubeGeometry(Strict):
             raise ValueError(f"above inner_radius_m, {inner:g}")
         return value
 
+    @property
+    def least_wall_m(self) -> float:
+        """Thickness of the wall [m]."""
+        return self.outer_radius_m - self.inner_radius_m
 
-Geometry = Annotated[RodGeometry | BellowsGeometry | TubeGeometry | MeshGeometry, Field(discriminator="kind")]
+
+StatedGeometry: TypeAlias = RodGeometry | PneunetGeometry | BellowsGeometry | TubeGeometry
+Geometry = Annotated[StatedGeometry | MeshGeometry, Field(discriminator="kind")]

@@ -20,8 +20,8 @@ _AROUND = {4: [0, 1, 2, 3], 6: [0, 3, 1, 4, 2, 5], 8: [0, 4, 1, 5, 2, 6, 3, 7]}
 MOST = 12
 
 
-def draw_shapes(path: Path, specimen: Specimen, shapes: Mapping[str, Array]) -> None:
-    """Draw the deformed part at the end of each sweep, at most 12, coloured by how far its points have moved.
+def draw_shapes(path: Path, shapes: Mapping[str, tuple[Specimen, Array]]) -> None:
+    """Draw deformed parts, as at the ends of sweeps, at most 12, coloured by how far their points have moved.
 
     Obstacles of a section are black lines, where they are near it.
 
@@ -29,19 +29,16 @@ def draw_shapes(path: Path, specimen: Specimen, shapes: Mapping[str, Array]) -> 
     ----------
     path : Path
         PNG.
-    specimen : Specimen
-        The part.
-    shapes : mapping of str to ndarray, (n, d)
-        Displacements [m] by sweep.
+    shapes : mapping of str to tuple of Specimen and ndarray, (n, d)
+        Parts and their displacements [m] by title.
     """
     shown = list(shapes.items())[:MOST]
     columns = min(len(shown), 4)
     rows = -(-len(shown) // columns)
-    mesh = specimen.part.mesh
     figure = Figure(figsize=(2.6 * columns, 3.4 * rows), layout="constrained")
-    for k, (name, u) in enumerate(shown):
+    for k, (name, (specimen, u)) in enumerate(shown):
         axes = figure.add_subplot(rows, columns, k + 1, aspect="equal")
-        faces, far = _solid_faces(specimen, u) if u.shape[1] == 3 else section_faces(mesh, u)
+        faces, far = _solid_faces(specimen, u) if u.shape[1] == 3 else section_faces(specimen.part.mesh, u)
         drawn = PolyCollection(list(1e3 * faces), array=1e3 * far, cmap="viridis", lw=0.15, edgecolor="white")
         axes.add_collection(drawn)
         axes.autoscale_view()

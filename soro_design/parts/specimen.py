@@ -16,11 +16,12 @@ from soro_design.fem.elements.fibres import fibres
 from soro_design.fem.loads import no_loads, spread_force
 from soro_design.fem.meshes.bellows import bellows_mesh
 from soro_design.fem.meshes.blocks import grid, revolved_tube
+from soro_design.fem.meshes.pneunet import pneunet_mesh
 from soro_design.fem.meshes.rod import Rod, rod_mesh
 from soro_design.fem.part import Part
 from soro_design.parts.bare import bare_part
 from soro_design.parts.file import LoadSweep, PartFile
-from soro_design.parts.geometry import BellowsGeometry, RodGeometry, TubeGeometry
+from soro_design.parts.geometry import BellowsGeometry, PneunetGeometry, RodGeometry, TubeGeometry
 from soro_design.parts.mesh_geometry import MeshGeometry
 from soro_design.parts.mesh_specimen import MeshSpecimen, mesh_specimen
 from soro_design.parts.tendons import Routed, tensioned
@@ -139,6 +140,8 @@ def make_specimen(file: PartFile) -> Specimen:
             return _rod(file, file.geometry)
         if isinstance(file.geometry, MeshGeometry):
             return mesh_specimen(file, file.geometry)
+        if isinstance(file.geometry, PneunetGeometry):
+            return _pneunet(file, file.geometry)
         return _ring(file, file.geometry)
     except ModelError as error:
         got, _, allowed = str(error).partition("; allowed: ")
@@ -160,6 +163,15 @@ def _rod(file: PartFile, geometry: RodGeometry) -> RodSpecimen:
     ends[rod.tip] = True
     part, tendons = bare_part(file, rod.mesh, loads)
     return RodSpecimen(part, rod, rod.mesh.faces_at(ends), tendons)
+
+
+def _pneunet(file: PartFile, geometry: PneunetGeometry) -> MeshSpecimen:
+    made = pneunet_mesh(geometry.shape, geometry.across, geometry.between)
+    loads = no_loads(made.mesh)
+    for direction in range(3):
+        loads = loads.hold(np.unique(made.base), direction)
+    part, _ = bare_part(file, made.mesh, loads)
+    return MeshSpecimen(part, ((made.cavity, False),), made.tip, np.empty(0, dtype=np.int64), 0)
 
 
 def _ring(file: PartFile, geometry: TubeGeometry | BellowsGeometry) -> RingSpecimen:

@@ -62,10 +62,10 @@ def identify_fem(
     from soro_design.parts.folder import SweepFolder, greatest_stretch, load_backbones
     from soro_design.parts.specimen import RodSpecimen, make_specimen
     from soro_design.parts.strength import strength_lines
+    from soro_design.robot_of_part import stages
     from soro_design.robot_of_part.report import content_of, write_report
     from soro_design.robot_of_part.scene import beside, write_scene
     from soro_design.robot_of_part.snapshots import check_sweeps, snapshots
-    from soro_design.robot_of_part.stages import identify
     from soro_design.robot_of_part.written import number_table, quality, write_robot
 
     name = "soro identify-fem"
@@ -100,7 +100,10 @@ def identify_fem(
     data = snapshots(z, states, part)
     with console.status("") as shown:
         try:
-            found = identify(file, specimen, data, out.stem, modes, mesh_check, shown.update)
+            found = stages.identify(file, specimen, data, out.stem, modes, shown.update)
+            if mesh_check:
+                shown.update("a coarser mesh")
+                found = replace(found, mesh=stages.mesh_check(file, specimen, data))
         except KeyboardInterrupt:
             console.print("interrupted; the states are kept", highlight=False)
             raise typer.Exit(130) from None

@@ -101,7 +101,7 @@ class PartIdentification:
     held_out: list[TipError]
     constant: list[TipError] | None
     kept: tuple[tuple[Kept, Kept], ...]
-    mesh: MeshCheck | None
+    mesh: MeshCheck | None = None
     strength: tuple[str, ...] = ()
     has_stiff_tendon: bool = False
 
@@ -122,7 +122,6 @@ def identify(
     data: Snapshots,
     name: str,
     n_modes: int = 0,
-    with_mesh_check: bool = True,
     progress: Callable[[str], None] = lambda stage: None,
 ) -> PartIdentification:
     """Find the numbers of a link that stands for a rod.
@@ -138,8 +137,6 @@ def identify(
         Of the robot.
     n_modes : int
         Modes of each strain; 0 for constant strains.
-    with_mesh_check : bool
-        Whether one sweep is computed on a coarser mesh too.
     progress : callable
         Called with the name of each stage.
     """
@@ -163,12 +160,8 @@ def identify(
     robot = robot_of(known, result.values, strains)
     progress("errors")
     fitted, held_out = (tip_errors(data, robot, states) for states in (pressed, data.held_out))
-    mesh = None
-    if with_mesh_check:
-        progress("a coarser mesh")
-        mesh = mesh_check(file, specimen, data)
     return PartIdentification(
-        data, known, start, result, robot, samples, fitted, held_out, constant, tuple(compared), mesh
+        data, known, start, result, robot, samples, fitted, held_out, constant, tuple(compared)
     )
 
 

@@ -16,8 +16,8 @@ from soro_ros.recordings.bodies.tracks import messages_of
 from soro_ros.recordings.report import last_s
 from soro_ros.recordings.verdict import Verdict
 
-# End of control in which a body is held, or is not [s].
-_END_S = 1.0
+# An arm has let go of what it has not touched for longer than this [s]: within it a free body falls 49 mm.
+_LET_GO_S = 0.1
 _GRAVITY = 9.81
 
 
@@ -28,7 +28,7 @@ class BodyFigures:
     Attributes
     ----------
     dropped : bool
-        Whether an arm has touched it, and none does in the last second of control; not of a hinged one.
+        Whether an arm has touched it, and none does in the last 0.1 s of control; not of a hinged one.
     creep_m_s : float
         Speed of its centre in the last 5 s, of the straight line through its places.
     weight_balance : float
@@ -80,13 +80,13 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
     found = {}
     for name, body in wanted.items():
         own = [(s, {p: n for p, n in of.items() if name in p.split("/")}) for s, of in contacts]
-        held = [(stamp, any(arms & set(pair.split("/")) for pair in of)) for stamp, of in own]
-        is_held = any(touched for stamp, touched in held if stamp >= end_ns - round(1e9 * _END_S))
+        touched_ns = [stamp for stamp, of in own if any(arms & set(pair.split("/")) for pair in of)]
+        since_s = 1e-9 * (own[-1][0] - touched_ns[-1]) if touched_ns else 0.0
         poses, pushes = between(f"{place}/{name}/pose", last_ns), between(f"{place}/{name}/wrench", last_ns)
         carried = np.array([force.force_of(one)[2] for _, one in pushes])
         weight_n = math.nan if body.mass is None or body.hinge is not None else body.mass * _GRAVITY
         found[name] = BodyFigures(
-            dropped=body.hinge is None and any(touched for _, touched in held) and not is_held,
+            dropped=body.hinge is None and since_s > _LET_GO_S,
             creep_m_s=_speed(
                 np.array([1e-9 * (stamp - last_ns) for stamp, _ in poses]),
                 np.array([messages.pose_arrays(one.pose)[0] for _, one in poses]),

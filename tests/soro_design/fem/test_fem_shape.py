@@ -134,7 +134,7 @@ def test_designs_without_equilibrium_do_not_end_the_search(tube):
 
 
 def test_a_best_design_that_stretches_too_far_on_its_own_mesh_is_told(tube, monkeypatch):
-    """The limit of the search is tightened twice; then the design is told with the figures of its own mesh."""
+    """The limit of the search is tightened twice; then the figures of the own mesh are told."""
     task = make_task(tube, "stroke", VARY, pressure_pa=15e3, limits=(1.2, 0.0))
     own = []
 

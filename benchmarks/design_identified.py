@@ -5,6 +5,7 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from soro_design.parts.geometry import RodGeometry
 from soro_design.parts.specimen import RodSpecimen, make_specimen
 from soro_design.parts.sweeps import Backbone, backbone, follow
 from soro_design.robot_of_part.snapshots import snapshots
-from soro_design.robot_of_part.stages import PartIdentification, identify
+from soro_design.robot_of_part.stages import PartIdentification, identify, mesh_check
 from soro_design.robot_of_part.written import mean_and_most, write_robot
 from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
@@ -72,11 +73,11 @@ def _row(name: str, options: Options) -> list[str]:
     assert isinstance(specimen, RodSpecimen)
     states = _states(file, specimen, lambda sweep: options.say(f"{name}, {sweep}"))
     data = snapshots(specimen.z, states, name)
-    found = identify(file, specimen, data, name)
+    found = replace(identify(file, specimen, data, name), mesh=mesh_check(file, specimen, data))
     minutes = (time.perf_counter() - start) / 60.0
     busy = (time.process_time() - started) / 60.0
     options.say(f"{name}, control")
-    varying = identify(file, specimen, data, f"{name}_modes", 1, with_mesh_check=False)
+    varying = identify(file, specimen, data, f"{name}_modes", 1)
     tip = under_control(found, varying)
     mean, most = mean_and_most(found.fitted)
     held_mean, held_most = mean_and_most(found.held_out)

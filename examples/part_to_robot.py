@@ -24,7 +24,7 @@ for sweep in part.sweeps:
     done = follow(specimen, sweep, lambda state: None)
     states += [backbone(specimen, sweep, state) for state in done.states]
     print(f"{sweep.name}: {len(done.states)} states")
-found = identify(part, specimen, snapshots(specimen.z, states, part.name), "rod", with_mesh_check=False)
+found = identify(part, specimen, snapshots(specimen.z, states, part.name), "rod")
 print(found.robot)
 for name, value in found.values.items():
     print(f"{name}: {value:.4g}")

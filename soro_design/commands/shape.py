@@ -95,6 +95,9 @@ def shape(
     _finish(state, path, folder)
     if is_interrupted:
         raise typer.Exit(130)
+    if state.is_beyond:
+        typer.echo(f"on its own mesh the best design stretches beyond {task.max_stretch:g}", err=True)
+        raise typer.Exit(1)
 
 
 def _finish(state: ShapeSearch, path: Path, folder: Path) -> None:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soro_core.arrays import Array
+from soro_core.config import with_changes
 from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import EquilibriumState, SolverSettings, solve
 from soro_design.fem.backbone import section_poses
@@ -77,7 +78,7 @@ def figures(goal: str, sweep: LoadSweep, file: PartFile) -> DesignFigures:
 
 def _of_ring(goal: str, sweep: LoadSweep, specimen: RingSpecimen) -> DesignFigures:
     if goal == "force":
-        state = _settled(specimen.under(sweep.model_copy(update={"extension_m": 0.0})))
+        state = _settled(specimen.under(with_changes(sweep, extension_m=0.0)))
         lid = lid_force(specimen, state.u, sum(sweep.pressures_pa))[0]
         value, u = lid - float(state.reaction[specimen.tip, 1].sum()), state.u
     else:

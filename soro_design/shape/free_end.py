@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.arrays import Array
+from soro_core.config import with_changes
 from soro_core.errors import ModelError
 from soro_design.fem.part import Balance
 from soro_design.fem.solve.equations import Equations
@@ -49,7 +50,7 @@ def free_end(specimen: RingSpecimen, sweep: LoadSweep) -> FreeEnd:
     ModelError
         If there is no equilibrium.
     """
-    part = specimen.under(sweep.model_copy(update={"extension_m": 0.0}))
+    part = specimen.under(with_changes(sweep, extension_m=0.0))
     equations, steps = Equations(part), LoadSteps(0.25, 1e-3)
     load, found = 0.0, FreeEnd(np.zeros_like(part.mesh.points), 0.0)
     while load < 1.0:

@@ -49,6 +49,11 @@ class ShapeSearch:
     ratio: float = 1.0
     best: int | None = None
 
+    @property
+    def is_beyond(self) -> bool:
+        """Whether the best design stretches beyond the limit on the part's own mesh."""
+        return self.after is not None and not self.after.cause and self.task.excess(self.after.stretch) > 0.0
+
     def excess(self, found: DesignFigures) -> float:
         """Return by how much the stretch of a design would be beyond the limit on the own mesh."""
         return self.task.excess(1.0 + self.ratio * (found.stretch - 1.0))
@@ -127,12 +132,14 @@ def optimise(
         if stop():
             return
         point, found = state.designs[state.best]
-        state.after = own(task.design(point))
-        if state.after is None or state.after.cause or task.excess(state.after.stretch) <= 0.0:
+        after = state.after = own(task.design(point))
+        if after is None or not state.is_beyond or check == CHECKS - 1:
             return
-        state.ratio = SPARE * (state.after.stretch - 1.0) / (found.stretch - 1.0)
+        state.ratio = SPARE * (after.stretch - 1.0) / (found.stretch - 1.0)
+        # Another design may be the best from here on.
+        state.after = None
         learn()
-        for _ in range(MORE if check < CHECKS - 1 else 0):
+        for _ in range(MORE):
             round_of(search.next())
 
 

@@ -1,6 +1,7 @@
 """Optimised dimensions: figures against closed forms, a search against a grid, and the command."""
 
 import csv
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -130,6 +131,27 @@ def test_designs_without_equilibrium_do_not_end_the_search(tube):
     optimise(state, Here(), 16, lambda now: None)
     assert any(found.cause for _, found in state.designs)
     assert not state.designs[state.best][1].cause
+
+
+def test_a_best_design_that_stretches_too_far_on_its_own_mesh_is_told(tube, monkeypatch):
+    """The limit of the search is tightened twice; then the figures of the own mesh are told."""
+    task = make_task(tube, "stroke", VARY, pressure_pa=15e3, limits=(1.2, 0.0))
+    own = []
+
+    def found_of(goal, sweep, file):
+        found = figures(goal, sweep, file)
+        if file.geometry.along == tube.geometry.along:
+            own.append((file.geometry, found := replace(found, stretch=1.21)))
+        return found
+
+    monkeypatch.setattr("soro_design.shape.optimise.figures", found_of)
+    state = ShapeSearch(task)
+    optimise(state, Here(), 12, lambda now: None)
+    assert state.is_beyond
+    assert len(own) == 4  # the part, then three designs
+    geometry, after = own[-1]
+    assert task.design(state.designs[state.best][0]).geometry == geometry
+    assert state.after is after
 
 
 def test_the_command_writes_part_table_and_picture(soro, tmp_path):

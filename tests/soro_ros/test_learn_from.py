@@ -61,7 +61,7 @@ def test_the_second_run_starts_from_what_the_first_one_kept(domain, first, tmp_p
         ("version: 3", "version: 2", (), (FILE, "version", "2", "learn again")),
         ("digest: sha256:", "digest: sha256:0", (), (FILE, "digest", "robot file")),
         ("", "", ("robot=three_bellow_hanging",), (FILE, "robot", "three_bellow_hanging")),
-        ("chamber1/gain: [", "chamber1/gain: [2.0, 0.1]  # [", (), (FILE, "link0/chamber1/gain", "-0.7 to 1")),
+        ("1/gain: [", "1/gain: [2.0, 0.1]  # [", (), (FILE, "link0/chamber1/gain", "-0.7 to 1")),
         ("", "", ("controller.law=adaptive",), ("controller.law", "adaptive", "composite")),
     ],
     ids=["version", "digest", "robot", "gain", "law"],

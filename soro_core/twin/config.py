@@ -147,7 +147,7 @@ class TwinSection(Strict):
         Shake(), description="swing of the base, which estimator and controller do not know"
     )
     base_by_topic: bool = Field(
-        False, description="base/pose moves the base, which estimator and controller do not know"
+        False, description="base/pose moves the base: of the simulated arm, in the estimator and in the law"
     )
     follow_shared_name: bool = Field(False, description="as of the regulator node")
 

@@ -1,4 +1,4 @@
-"""A base that follows poses that come one by one: what moves under the simulated arm."""
+"""A base that follows poses that come one by one: what moves under the simulated arm, and under its model."""
 
 from __future__ import annotations
 
@@ -9,8 +9,9 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import ModelError
-from soro_core.robot import BaseState
-from soro_core.rotation import left_jacobian_inverse, rotation_exp, rotation_log
+from soro_core.model import SoftArm
+from soro_core.robot import BaseState, Robot
+from soro_core.rotation import left_jacobian_inverse, matrix_from_quaternion, rotation_exp, rotation_log
 
 # Rate of the way to a new pose [1/s], critically damped: it arrives within 0.2 s, with finite acceleration.
 _RATE = 30.0
@@ -93,6 +94,19 @@ class BaseWay(NamedTuple):
         x, v, _ = self.at(t)
         return BaseWay(t, goal, x - goal, v)
 
+    def to_pose(self, t: float, pose: Array, robot: Robot) -> BaseWay:
+        """Return the way to a pose (4, 4) of the base in the world, which comes at `t` [s].
+
+        Raises
+        ------
+        ModelError
+            If it is no pose, or too far from the last one.
+        """
+        rotation = pose[:3, :3] @ matrix_from_quaternion(np.array(robot.base_quaternion)).T
+        if not np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-6:
+            raise ModelError("a pose of the base without a rotation: allowed is a rigid one", "pose")
+        return self.towards(t, pose[:3, 3] - np.array(robot.base_position), rotation)
+
 
 AT_REST = BaseWay()
 
@@ -105,3 +119,27 @@ class FollowedBase:
     def __call__(self, t: float) -> BaseState:
         """Return the state of the base at a time [s]."""
         return self.way(t)
+
+
+def carried(state: BaseState, robot: Robot) -> Array:
+    """Return the pose (4, 4) of the base in the world, from its displacement and rotation."""
+    pose = np.eye(4)
+    pose[:3, :3] = state.rotation @ matrix_from_quaternion(np.array(robot.base_quaternion))
+    pose[:3, 3] = np.array(robot.base_position) + state.displacement
+    return pose
+
+
+def place_base(arm: SoftArm, state: BaseState) -> None:
+    """Put the base of an arm where it is now, for what `arm` tells next.
+
+    The acceleration of the base counts as gravity, which is exact while it does not turn. Its spin, which
+    acts by its square and its rate, is left out: 0.5 rad/s are 0.05 m/s^2 at 0.2 m.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    state : BaseState
+    """
+    pose, tables = carried(state, arm.robot), arm.tables
+    tables.base_rotation[:], tables.base_position[:] = pose[:3, :3], pose[:3, 3]
+    tables.gravity[:] = np.array(arm.robot.gravity) - state.acceleration

@@ -278,11 +278,7 @@ class Twin:
         if not self.config.base_by_topic:
             text = "a pose of the base with base_by_topic: false: allowed with true"
             raise ModelError(text, "base_by_topic")
-        rotation = there[:3, :3] @ arm.tables.base_rotation.T
-        if not np.abs(rotation @ rotation.T - np.eye(3)).max() < 1e-6:
-            raise ModelError("a pose of the base without a rotation: allowed is a rigid one", "pose")
-        way = state.base.towards(state.tick * self.dt, there[:3, 3] - arm.tables.base_position, rotation)
-        return replaced(state, base=way)
+        return replaced(state, base=state.base.to_pose(state.tick * self.dt, there, arm.robot))
 
     def step_pressures(self, state: TwinState, pressure_pa: Array) -> TwinState:
         """Advance one tick with true chamber pressures (n_u,) [Pa gauge] from elsewhere.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from soro_core.config import with_changes
+from soro_core.config import Strict, with_changes
 from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, contradictions
 from soro_core.estimation.config import EstimatorConfig
@@ -89,7 +89,15 @@ class RegulatedKeys(LimitKeys):
         return with_changes(self.limits, minimum_pa=low, maximum_pa=high), platform.response_at(rate_hz)
 
 
-class EstimatorNodeConfig(ArmNodeKeys, SampleKeys):
+class BaseKeys(Strict):
+    """Key of a base that moves."""
+
+    base_by_topic: bool = Field(
+        False, description="base/pose says where the base of the arm is; 0.5 s without it vent"
+    )
+
+
+class EstimatorNodeConfig(ArmNodeKeys, SampleKeys, BaseKeys):
     """Parameters of the estimator node."""
 
     priority: Priority = 20
@@ -126,7 +134,7 @@ class ExciterNodeConfig(ArmNodeKeys, RegulatedKeys, SampleKeys):
     excite: ExciteConfig = Field(ExciteConfig(), description="the excitation")
 
 
-class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
+class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys, BaseKeys):
     """Parameters of the controller node."""
 
     enabled: bool = Field(False, description="start control at the first arm/state, without ~/enable")

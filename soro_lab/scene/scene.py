@@ -386,6 +386,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             **sample_keys(self.twin),
             model=self.discretisation,
             learned=find_law(self.controller.law).learns,
+            base_by_topic=self.twin.base_by_topic,
             filter=self.estimator,
         )
 
@@ -412,4 +413,5 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             imu_locations=self.twin.imu.locations,
             reach=self.verdict.tip_error_part,
             duration_s=self.duration_s,
+            base_by_topic=self.twin.base_by_topic,
         )

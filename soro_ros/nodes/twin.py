@@ -32,10 +32,12 @@ from soro_ros.process import command_line
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_nodes
 from soro_ros.run.faults import FaultInterface
+from soro_ros.topics.base_topic import base_input
 from soro_ros.topics.chambers import ChamberInterface
 from soro_ros.topics.diagnostics import OK, OVER
 from soro_ros.topics.frame_check import FrameCheck
-from soro_ros.topics.twin_topics import BaseTopic, BodyTopics, PushTopic, TwinTopics
+from soro_ros.topics.ports import subscribe
+from soro_ros.topics.twin_topics import BodyTopics, PushTopic, TwinTopics
 
 # Largest delay that a twin in real time recovers at once [ticks]; it skips and counts the rest.
 CATCH_UP_TICKS = 20
@@ -101,7 +103,8 @@ class TwinNode(SoroNode[TwinConfig]):
         frames = FrameCheck(config.frames, self.get_logger().warning, self.diagnostics.refuse)
         self._push = PushTopic(self, frames, self._stamp_now_ns, takes=not config.bodies_file)
         if config.base_by_topic:
-            BaseTopic(self, frames, self._stamp_now_ns, self._move_base)
+            moved = base_input(frames, self._stamp_now_ns, self._move_base, self._warn)
+            subscribe(self, moved, self._lockstep)
         self.create_service(Trigger, "~/start", self._on_start)
         if self._is_commanded:
             rating = rating_of(robot.pressure_range_pa)
@@ -408,6 +411,9 @@ class TwinNode(SoroNode[TwinConfig]):
         if not state.status.ok:
             self._running = False
             raise ModelError(f"the twin stopped at {self._tick_ns() * 1e-9:.3f} s: {state.status}")
+
+    def _warn(self, line: str) -> None:
+        self.get_logger().warning(line, throttle_duration_sec=1.0)
 
     def _move_base(self, pose: Array) -> None:
         self._state = self._twin.at_base(self._state, pose)

@@ -31,6 +31,8 @@ from soro_lab.scene.loop import controller_of
 from soro_ros.conversion import learning, messages, qos, references
 from soro_ros.status_words import NO_COMMAND, add_prefix
 from soro_ros.ticks.control_report import ControlReport
+from soro_ros.topics.base_topic import ToldBase
+from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.motion_job import REPLACED, WRENCH
 from soro_ros.topics.motion_topic import MotionTopic
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
@@ -121,6 +123,12 @@ class ControllerTicks:
             WRENCH: Input(WrenchStamped, self._on_wrench, qos.reference),
             **self.motions.inputs,
         }
+        self._tick_ns = 0
+        self._base: ToldBase | None = None
+        if config.base_by_topic:
+            told = FrameCheck(config.frames, ports.warn)
+            self._base = ToldBase(robot, lambda: [self.controller.arm], told, self._now_ns, ports.warn)
+            self.inputs = {**self.inputs, **self._base.inputs}
 
     def warm_up(self) -> None:
         """Run ticks and references once without output: imports and compilation take longer than a tick."""
@@ -182,6 +190,10 @@ class ControllerTicks:
     def clear(self) -> None:
         """Drop the states that wait."""
         self._inputs.clear()
+
+    def _now_ns(self) -> int:
+        """Time [ns] that stamps of now have."""
+        return self._tick_ns if self._lockstep else self._ports.now_ns()
 
     # Inputs ----------------------------------------------------------------------------------------
     def _on_reading(self, message: JointState) -> None:
@@ -264,6 +276,7 @@ class ControllerTicks:
     def _tick(
         self, message: JointState, stamp_ns: int, reading: np.ndarray, certainty: Certainty | None
     ) -> None:
+        self._tick_ns = stamp_ns
         if self._lockstep and 0 < round(1e9 * self._config.duration_s) < stamp_ns:
             self.enabled = False
             self._note("")
@@ -278,6 +291,8 @@ class ControllerTicks:
             return
         start_s = time.monotonic()
         failure = self._unusable(message, stamp_ns)
+        if not failure and self._base is not None:
+            failure = self._base.place(stamp_ns)
         if not failure:
             if self._epoch_ns is None:
                 self._epoch_ns, self._last_ns = stamp_ns, stamp_ns - round(1e9 / self._config.rate_hz)

@@ -19,6 +19,7 @@ from soro_lab.scene import EstimatorNodeConfig
 from soro_lab.scene.loop import estimator_of
 from soro_ros.conversion import force, learning, messages, qos
 from soro_ros.status_words import NO_ESTIMATE, add_prefix
+from soro_ros.topics.base_topic import ToldBase
 from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
 from soro_ros.topics.sample_inputs import SampleInputs
@@ -78,6 +79,13 @@ class EstimatorTicks:
             "arm/learned": Input(JointState, self._on_learned, qos.loop),
             **self._samples.inputs,
         }
+        self._tick_ns = 0
+        self._base: ToldBase | None = None
+        if config.base_by_topic:
+            varying = self.estimator.filter.mean_strain
+            arms = [self.estimator.arm, *([varying.fine] if varying is not None else [])]
+            self._base = ToldBase(robot, lambda: arms, frames, self._now_ns, ports.warn)
+            self.inputs = {**self.inputs, **self._base.inputs}
 
     def warm_up(self) -> None:
         """Run ticks without output, with a learned force too, which compiles their kernels."""
@@ -92,6 +100,10 @@ class EstimatorTicks:
             imu = ImuSample(k * dt, np.zeros(3), np.array([0.0, 0.0, 9.81]), None, estimator.length)
             learned = nothing if k > 1 else None
             state, _ = estimator.step(state, zero, poses, [imu] if k % 8 == 1 else [], dt, learned)
+
+    def _now_ns(self) -> int:
+        """Time [ns] that stamps of now have."""
+        return self._tick_ns if self._lockstep else self._ports.now_ns()
 
     # Inputs ----------------------------------------------------------------------------------------
     def _on_learned(self, message: JointState) -> None:
@@ -133,6 +145,13 @@ class EstimatorTicks:
                 continue
             due = [sample for found in self._samples.due(tick).values() for sample in found]
             poses = [sample for sample in due if isinstance(sample, PoseSample)]
+            self._tick_ns = stamp_ns
+            if self._base is not None:
+                if unknown := self._base.place(stamp_ns):
+                    self._ports.report(add_prefix(NO_ESTIMATE, unknown))
+                    self._without_estimate(stamp_ns)
+                    continue
+                poses = [self._base.carry(one, self._sample_ns(one), stamp_ns) for one in poses]
             imus = [sample for sample in due if isinstance(sample, ImuSample)]
             self._step(stamp_ns, pressure, poses, imus)
 
@@ -197,6 +216,9 @@ class EstimatorTicks:
             nothing = JointState()
             nothing.header.stamp = messages.to_time(stamp_ns)
             self._ports.publish("arm/state", nothing)
+
+    def _sample_ns(self, sample: PoseSample) -> int:
+        return self.epoch_ns + round(1e9 * sample.stamp_s)
 
     def _seconds(self, stamp_ns: int) -> float:
         return (stamp_ns - self.epoch_ns) * 1e-9

@@ -13,7 +13,6 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Imu, JointState
 
 from soro_core.arrays import Array
-from soro_core.errors import ModelError
 from soro_core.robot import Robot
 from soro_core.twin import Observation, Twin, TwinState
 from soro_core.twin.push import LARGEST_N, LARGEST_NM
@@ -115,53 +114,6 @@ PUSHED = "external/wrench"
 _NOTHING = np.zeros(3), np.zeros(3)
 # Age above which a wrench no longer acts [ns]: who holds the arm says so again and again.
 PUSH_NS = 500_000_000
-
-
-BASE = "base/pose"
-
-
-class BaseTopic:
-    """The pose of the base on base/pose, to which the base of the simulated arm goes.
-
-    Parameters
-    ----------
-    node : Node
-        Owner of the subscription.
-    frames : FrameCheck
-        Refuses poses in another frame than the world.
-    now_ns : callable
-        Gives the time [ns] of stamps now; one of 0 counts as that of its arrival.
-    move : callable
-        Takes a pose (4, 4) in the world; raises ModelError on one that is too far.
-    """
-
-    def __init__(
-        self, node: Node, frames: FrameCheck, now_ns: Callable[[], int], move: Callable[[Array], None]
-    ) -> None:
-        self._node, self._frames, self._now_ns, self._move = node, frames, now_ns, move
-        self._newest_ns = 0
-        node.create_subscription(PoseStamped, BASE, self._on_pose, qos.SENSOR)
-
-    def _on_pose(self, message: PoseStamped) -> None:
-        if not self._frames.takes_in_world(BASE, message.header.frame_id):
-            return
-        now_ns = self._now_ns()
-        stamp_ns = messages.to_ns(message.header.stamp) or now_ns
-        refused = messages.ahead(stamp_ns, now_ns)
-        if stamp_ns < self._newest_ns:
-            refused = (
-                f"{1e-9 * (self._newest_ns - stamp_ns):.3f} s older than the last; allowed: in their order"
-            )
-        if not messages.is_pose(message.pose):
-            refused = "allowed: finite numbers, and a quaternion of length 1"
-        if not refused:
-            try:
-                self._move(messages.transform(message.pose))
-                self._newest_ns = stamp_ns
-            except ModelError as error:
-                refused = str(error)
-        if refused:
-            self._node.get_logger().warning(f"{BASE} refused: {refused}", throttle_duration_sec=1.0)
 
 
 class PushTopic:

@@ -126,18 +126,30 @@ def test_ctrl_c_keeps_what_is_done(tmp_path, monkeypatch):
 @pytest.mark.process
 @pytest.mark.slow
 def test_two_jobs_keep_the_same_states_to_the_bit(tmp_path):
+    check_same_states(tmp_path, "--jobs", "2")
+
+
+@pytest.mark.process
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_a_dask_cluster_keeps_the_same_states_to_the_bit(tmp_path):
+    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+        check_same_states(tmp_path, "--dask", cluster.scheduler_address)
+
+
+def check_same_states(tmp_path, *several):
+    """Compare every file but the pictures of one process with those that more write."""
     crushed = {"name": "crushed", "extension_m": -0.0195, "states": 4}
-    found = {}
-    for count in ("1", "2"):
-        (tmp_path / count).mkdir()
-        done, _, out = call(tmp_path / count, TUBE, "--jobs", count, sweeps=[crushed, *TUBE["sweeps"]])
+    found = []
+    for folder, options in (("one", ("--jobs", "1")), ("more", several)):
+        (tmp_path / folder).mkdir()
+        done, _, out = call(tmp_path / folder, TUBE, *options, sweeps=[crushed, *TUBE["sweeps"]])
         assert done.exit_code == 1, done.output
         assert "crushed: stopped" in done.output
-        found[count] = {
-            file.name: file.read_bytes() for file in sorted(out.iterdir()) if file.suffix != ".png"
-        }
-    assert len(found["1"]) > 4
-    assert found["1"] == found["2"]
+        found.append({file.name: file.read_bytes() for file in out.iterdir() if file.suffix != ".png"})
+    assert len(found[0]) > 4
+    assert found[0] == found[1]
 
 
 def test_ctrl_c_with_several_jobs_lets_the_sweeps_under_way_end(tmp_path, monkeypatch):

@@ -97,10 +97,10 @@ def test_ctrl_c_writes_what_is_done(soro, tmp_path, monkeypatch):
     assert written["combinations"]["run"] == len(computed) == 3
 
 
-@pytest.mark.slow
-def test_processes_find_the_same_errors(soro, tmp_path):
+def check_same_errors(soro, tmp_path, *several):
+    """Compare the errors of one process with those that more find, to the bit."""
     one = soro("small.yaml", *QUICK, "--error", "5%", "--out", "one", "--fresh")
-    two = soro("small.yaml", *QUICK, "--error", "5%", "--out", "two", "--fresh", "--jobs", "2")
+    two = soro("small.yaml", *QUICK, "--error", "5%", "--out", "two", "--fresh", *several)
     assert one.exit_code == two.exit_code == 0, two.output
 
     def found(name):
@@ -113,6 +113,11 @@ def test_processes_find_the_same_errors(soro, tmp_path):
     assert all(first[key] == second[key] for key in both)
 
 
+@pytest.mark.slow
+def test_processes_find_the_same_errors(soro, tmp_path):
+    check_same_errors(soro, tmp_path, "--jobs", "2")
+
+
 def test_dask_says_what_is_missing(soro):
     result = soro("small.yaml", *QUICK, "--dask", "tcp://127.0.0.1:1")
     assert type(result.exception).__name__ == "ConfigError"
@@ -122,10 +127,8 @@ def test_dask_says_what_is_missing(soro):
 
 def test_a_dask_cluster_finds_the_same_errors(soro, tmp_path):
     distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
-    with distributed.LocalCluster(n_workers=1, processes=False, dashboard_address=None) as cluster:
-        result = soro("small.yaml", *QUICK, "--error", "5%", "--dask", cluster.scheduler_address)
-    assert result.exit_code == 0, result.output
-    assert json.loads((tmp_path / "trade/small/trade.json").read_text())["choice"]
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+        check_same_errors(soro, tmp_path, "--dask", cluster.scheduler_address)
 
 
 def test_a_scene_ends_with_a_block_that_runs(soro, tmp_path, monkeypatch):

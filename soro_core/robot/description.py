@@ -299,6 +299,5 @@ def refuse_tendons(robot: Robot, where: str) -> None:
     """
     if robot.tendons:
         found = f"{robot.name}, which has tendons"
-        raise ConfigError(
-            where, "robot", found, "a robot without: platforms, laws and the twin drive pressures"
-        )
+        allowed = "a robot without: only SoftArm, equilibrium, simulate and fit take tendons"
+        raise ConfigError(where, "robot", found, allowed)

@@ -143,12 +143,12 @@ def test_a_base_that_falls_silent_vents_with_one_line(domain, tmp_path):
                 nodes.send_base(tilted(t))
             if silent_s + 0.4 < t < silent_s + 0.45:
                 assert nodes.last["/arm/state"].position
-                assert not nodes.twin._limiter.latched
+                assert not nodes.twin._limiter.state.cause
             if t > silent_s + 1.5:
                 break
         assert not nodes.last["/arm/state"].position
         status = nodes.nodes[0].diagnostics.status.message
-        assert nodes.twin._limiter.latched
+        assert nodes.twin._limiter.state.cause
         assert max(nodes.last["/chambers/state"].position) < 1e3
     assert status.startswith("no estimate: base/pose silent for ")
     assert status.endswith("allowed: at most 0.5 s")
@@ -161,15 +161,10 @@ def test_a_base_that_jumps_stays_where_it_was_and_vents(domain, tmp_path, capfd)
             nodes.send_base(tilted(t) if t < 1.0 else tilted(10.0, np.radians(90.0)))
             if t > 2.0:
                 break
-        assert nodes.twin._limiter.latched
+        assert nodes.twin._limiter.state.cause
     lines = [line for line in capfd.readouterr().err.splitlines() if "base/pose refused" in line]
-    assert {
-        name for name in ("estimator", "controller", "twin") for line in lines if f"[{name}]" in line
-    } == {
-        "estimator",
-        "controller",
-        "twin",
-    }
+    for name in ("estimator", "controller", "twin"):
+        assert any(f"[{name}]" in line for line in lines), name
     assert all("1.57 rad from the last pose; allowed: at most 0.2 m and 0.5 rad" in line for line in lines)
 
 

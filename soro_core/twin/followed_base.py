@@ -124,8 +124,8 @@ class FollowedBase:
 def carried(state: BaseState, robot: Robot) -> Array:
     """Return the pose (4, 4) of the base in the world, from its displacement and rotation."""
     pose = np.eye(4)
-    pose[:3, :3] = state.rotation @ matrix_from_quaternion(np.array(robot.base_quaternion))
-    pose[:3, 3] = np.array(robot.base_position) + state.displacement
+    pose[:3, :3] = np.asarray(state.rotation) @ matrix_from_quaternion(np.array(robot.base_quaternion))
+    pose[:3, 3] = np.array(robot.base_position) + np.asarray(state.displacement)
     return pose
 
 
@@ -142,4 +142,4 @@ def place_base(arm: SoftArm, state: BaseState) -> None:
     """
     pose, tables = carried(state, arm.robot), arm.tables
     tables.base_rotation[:], tables.base_position[:] = pose[:3, :3], pose[:3, 3]
-    tables.gravity[:] = np.array(arm.robot.gravity) - state.acceleration
+    tables.gravity[:] = np.array(arm.robot.gravity) - np.asarray(state.acceleration)

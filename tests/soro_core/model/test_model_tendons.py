@@ -360,7 +360,7 @@ def test_what_drives_pressures_alone_refuses_tendons_in_one_line():
         lambda: ArmPlant(robot, TwinConfig()),
         lambda: Estimator(robot),
     ):
-        with pytest.raises(ConfigError, match="has tendons; allowed: .*simulate and fit take tendons") as caught:
+        with pytest.raises(ConfigError, match="simulate and fit take tendons") as caught:
             build()
         assert "\n" not in str(caught.value)
 

@@ -74,8 +74,7 @@ def wet_faces(domain: Domain, cut: Contour, found: Flood, mesh: Mesh) -> tuple[I
     normal = normals(mesh.points, faces)
     outwards = normal / np.linalg.norm(normal, axis=1)[:, None]
     size = grid.mesh.points.max(axis=0)
-    near = 1e-9 * size
-    is_border = (np.abs(ends) < near).all(axis=1) | (np.abs(ends - size) < near).all(axis=1)
+    is_border = np.logical_or(*on_border(ends, size))
     void = np.flatnonzero(cut.level < 0.0)
     beside = ends.mean(axis=1) + 0.5 * min(grid.edge_m) * outwards
     nearest = void[cKDTree(grid.mesh.points[void]).query(beside)[1]]
@@ -84,6 +83,12 @@ def wet_faces(domain: Domain, cut: Contour, found: Flood, mesh: Mesh) -> tuple[I
     at = cKDTree(grid.mesh.points).query(ends.mean(axis=1))[1]
     is_outer = np.where(is_border.any(axis=1), domain.is_open[at], ~found.is_wet[nearest])
     return faces[is_wet], faces[is_outer & ~is_wet]
+
+
+def on_border(ends: Array, size: Array) -> tuple[Flags, Flags]:
+    """Return which faces with ends (f, m, d) lie in planes of the grid, at 0 and at its size: both (f, d)."""
+    near = 1e-9 * size
+    return (np.abs(ends) < near).all(axis=1), (np.abs(ends - size) < near).all(axis=1)
 
 
 def thinnest_wall(mesh: Mesh, wet: Integers, outer: Integers) -> tuple[float, Array]:

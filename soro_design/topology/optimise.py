@@ -17,9 +17,10 @@ from soro_design.topology.domain import Domain, analysis, make_domain
 from soro_design.topology.flood import flood
 from soro_design.topology.mma import Moves, mma_step, no_moves
 from soro_design.topology.physics.compliance import Compliance
-from soro_design.topology.physics.filter import density_filter, greyness, projection
-from soro_design.topology.physics.grid import Evaluation, place_text
+from soro_design.topology.physics.filter import density_filter, greyness
+from soro_design.topology.physics.grid import place_text
 from soro_design.topology.physics.stroke import Stroke
+from soro_design.topology.robust import densities, evaluated, worst
 from soro_design.topology.shape import contour
 from soro_design.topology.task import Task
 
@@ -40,7 +41,7 @@ class IterationRow:
     iteration : int
         From 1.
     objective : float
-        The goal: u . K u, or -u_out / SE^m, in SI units.
+        The goal: u . K u, or -u_out / SE^m, in SI units; with `erosion` of the worst of its designs.
     motion_m : float
         Of the output [m], NaN without one.
     volume : float
@@ -81,6 +82,8 @@ class OptimiserState:
         Memory of the moving asymptotes.
     u : ndarray, (n, d)
         Displacements of the last iteration [m].
+    others : ndarray, (k, n, d)
+        Those of the designs that erosion and dilation make of it [m]; k = 0 without them.
     density, filtered : ndarray, (e,)
         Densities of the last iteration, and before their projection.
     pressure : ndarray, (n,)
@@ -94,6 +97,7 @@ class OptimiserState:
     x: Array
     moves: Moves
     u: Array
+    others: Array
     density: Array
     filtered: Array
     pressure: Array
@@ -106,7 +110,7 @@ def first_state(domain: Domain) -> OptimiserState:
     x = domain.start()
     none = np.empty(0)
     frames = np.empty((0, len(x)), dtype=np.uint8)
-    return OptimiserState(x, no_moves(), np.zeros_like(domain.output), none, none, none, frames, ())
+    return OptimiserState(x, no_moves(), np.zeros_like(domain.output), none, none, none, none, frames, ())
 
 
 def optimise(
@@ -163,56 +167,36 @@ def require_sealable(domain: Domain, where: str) -> None:
         raise ConfigError(where, "void", place, "room for a wall between them, else no part is sealed")
 
 
-def densities(domain: Domain, weights: Any, x: Array, sharpness: float) -> tuple[Array, Array, Array]:
-    """Return filtered and final densities (e,), and the derivative of the latter by the former.
-
-    Parameters
-    ----------
-    domain : Domain
-        The task on its grid.
-    weights : sparse matrix, (e, e)
-        The density filter.
-    x : ndarray, (e,)
-        Design variables.
-    sharpness : float
-        Of the projection, 0 without.
-    """
-    filtered = np.clip(weights @ x, 0.0, 1.0)
-    density, slope = projection(filtered, sharpness, domain.task.schedule.threshold)
-    density = np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, density))
-    return filtered, density, np.where(domain.is_given, 0.0, slope)
-
-
-def _evaluated(
-    found: Stroke | Compliance, density: Array, penalty: float, pressure_pa: float, guess: Array
-) -> Evaluation:
-    if isinstance(found, Compliance):
-        return found.evaluate(density, penalty, pressure_pa)
-    return found.evaluate(density, penalty, pressure_pa, guess)
-
-
 def _iterate(
     domain: Domain, found: Stroke | Compliance, weights: Any, state: OptimiserState, k: int
 ) -> OptimiserState:
     task = domain.task
     x = state.x
     scheduled, penalty, sharpness = task.schedule.at(k)
-    filtered, density, slope = densities(domain, weights, x, sharpness)
     eased = min(1.0, RISING * state.rows[-1].eased) if state.rows else 1.0
+    designs = [densities(domain, weights, x, sharpness, at) for at in task.schedule.thresholds(sharpness)]
+    # The part is the first; the others begin where they, or it, have rested before.
+    guesses = [state.u, *(state.others if len(state.others) else [state.u] * len(designs))]
     for attempt in range(RETREATS + 1):
         pressure = eased * scheduled
         try:
-            at = _evaluated(found, density, penalty, pressure, state.u)
+            at = [
+                evaluated(found, one[1], penalty, pressure, u)
+                for one, u in zip(designs, guesses, strict=False)
+            ]
             break
         except ModelError as error:
             if attempt == RETREATS:
                 raise ModelError(f"iteration {k + 1}, {pressure:.4g} Pa: {error}", error.key) from None
             eased *= EASED
-    if not np.isfinite(at.gradient).all() or not at.gradient.any():
+    goal, by_goal = worst(np.array([one.objective for one in at]))
+    gradient = sum(by * one.gradient * design[2] for by, one, design in zip(by_goal, at, designs, strict=True))
+    if not np.isfinite(gradient).all() or not any(one.gradient.any() for one in at):
         raise ModelError(
             f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material",
             "inlet",
         )
+    filtered, density, slope = designs[0]
     share = domain.grid.volumes / domain.grid.volumes.sum()
     volume = float(share @ density)
     move = task.schedule.move
@@ -221,15 +205,15 @@ def _iterate(
     limit = task.volume_fraction
     by_volume = weights.T @ (share * slope) / limit
     following, moves = mma_step(
-        x, weights.T @ (at.gradient * slope), volume / limit - 1.0, by_volume, (least, most), state.moves
+        x, weights.T @ gradient, volume / limit - 1.0, by_volume, (least, most), state.moves
     )
     row = IterationRow(
         k + 1,
-        at.objective,
-        at.motion_m,
+        goal,
+        at[0].motion_m,
         volume,
         greyness(density),
-        at.residual,
+        max(one.residual for one in at),
         pressure,
         penalty,
         sharpness,
@@ -239,10 +223,11 @@ def _iterate(
     return OptimiserState(
         following,
         moves,
-        at.u,
+        at[0].u,
+        np.array([one.u for one in at[1:]]),
         density,
         filtered,
-        at.pressure,
+        at[0].pressure,
         np.vstack([state.frames, frame]),
         (*state.rows, row),
     )
@@ -251,7 +236,7 @@ def _iterate(
 def save(state: OptimiserState, folder: Path) -> None:
     """Write a state into a folder; a run that is interrupted meanwhile leaves the one before."""
     arrays = {f"moves_{one.name}": getattr(state.moves, one.name) for one in fields(Moves)}
-    for name in ("x", "u", "density", "filtered", "pressure", "frames"):
+    for name in ("x", "u", "others", "density", "filtered", "pressure", "frames"):
         arrays[name] = getattr(state, name)
     rows = json.dumps([asdict(row) for row in state.rows])
     beside = folder / f"new_{STATE}"

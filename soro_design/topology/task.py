@@ -142,6 +142,14 @@ class Schedule(Strict):
         ),
     ] = (2.0, 4.0, 8.0)
     threshold: Annotated[Share, Field(description="density at which the projection steps")] = 0.5
+    erosion: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            lt=0.5,
+            description="the worst of three designs counts, projected at `threshold`, so much above and below",
+        ),
+    ] = 0.0
     move: Annotated[
         float, Field(gt=0.0, le=1.0, description="greatest change of a variable in an iteration")
     ] = 0.1
@@ -150,7 +158,14 @@ class Schedule(Strict):
     def _ramp_ends(self) -> Schedule:
         if self.ramp > self.iterations:
             raise ValueError(f"ramp {self.ramp} <= iterations {self.iterations}")
+        if not self.erosion < min(self.threshold, 1.0 - self.threshold):
+            raise ValueError(f"erosion less than threshold {self.threshold:g} and than 1 - threshold")
         return self
+
+    def thresholds(self, sharpness: float) -> tuple[float, ...]:
+        """Return those of the designs that count, first that of the part; one without a projection."""
+        around = (self.erosion, -self.erosion) if self.erosion and sharpness else ()
+        return (self.threshold, *(self.threshold + by for by in around))
 
     def at(self, k: int) -> tuple[float, float, float]:
         """Return pressure [Pa], penalty and sharpness (0 without projection) of iteration k, from 0."""

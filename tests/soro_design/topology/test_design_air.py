@@ -5,7 +5,7 @@ import pytest
 
 from soro_core.config import with_changes
 from soro_design.topology.domain import analysis, make_domain
-from soro_design.topology.optimise import densities
+from soro_design.topology.robust import densities
 from soro_design.topology.physics import stroke
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.filter import density_filter, projection

@@ -14,6 +14,7 @@ from soro_core.files.units import unit_option
 if TYPE_CHECKING:
     from soro_design.topology import FinalPart, OptimiserState, Reanalysis
     from soro_design.topology.domain import Domain
+    from soro_design.topology.widths import Widths
 
 app = typer.Typer(no_args_is_help=True)
 TASK_FILE, FILM, PICTURE = "task.yaml", "film.gif", "design.png"
@@ -84,7 +85,7 @@ def run(
 
 @app.command()
 def check(folder: Folder) -> None:
-    """Analyse the final part of a run on a mesh of its own shape: leak, thinnest wall, motion.
+    """Analyse the final part of a run on a mesh of its own shape: leak, least widths, motion.
 
     Exit status 1: the part does not hold air, or has no equilibrium under the last pressure.
     """
@@ -212,8 +213,10 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
     from rich.table import Table
 
     from soro_design.topology import reanalyse, shape
+    from soro_design.topology.physics.grid import place_text
     from soro_design.topology.pictures import picture
     from soro_design.topology.task import Farthest
+    from soro_design.topology.widths import PRINTABLE_M, least_widths
 
     try:
         found = shape(domain, state)
@@ -225,11 +228,16 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
         typer.echo("analysing the part on a mesh of its own shape, up to a minute")
     moved = reanalyse(domain, found) if is_moved else None
     table = Table("", f"{folder}, {len(state.rows)} iterations")
-    for name, value in _numbers(domain, state, found, moved):
+    widths = least_widths(domain, found.mesh)
+    for name, value in _numbers(domain, state, found, widths, moved):
         table.add_row(name, value)
     Console().print(table)
     picture(domain, state, found, moved, folder / PICTURE)
     typer.echo(f"written: {folder / 'design.png'}")
+    if is_moved and widths.solid_m < PRINTABLE_M:
+        thin = f"{1e3 * widths.solid_m:.2f} mm at {place_text(widths.solid_at)}"
+        least = f"at least {1e3 * PRINTABLE_M:g} mm"
+        typer.echo(f"soro: a wall or hinge of {thin} tears or is not printed: {least}", err=True)
     reasons = [reason for reason in (found.leak, moved.cause if moved else "") if reason]
     for reason in reasons:
         typer.echo(f"soro: {reason}", err=True)
@@ -238,7 +246,7 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
 
 
 def _numbers(
-    domain: Domain, state: OptimiserState, found: FinalPart, moved: Reanalysis | None
+    domain: Domain, state: OptimiserState, found: FinalPart, widths: Widths, moved: Reanalysis | None
 ) -> list[tuple[str, str]]:
     from soro_design.topology.physics.grid import place_text
 
@@ -251,6 +259,8 @@ def _numbers(
         ("leak", found.leak or "none"),
         ("closed void, nodes", f"{int(found.air.is_closed.sum())}"),
         ("thinnest wall", f"{1e3 * found.wall_m:.3f} mm at {place_text(found.wall_at)}"),
+        ("least wall or hinge", f"{1e3 * widths.solid_m:.3f} mm at {place_text(widths.solid_at)}"),
+        ("least gap", f"{1e3 * widths.gap_m:.3f} mm at {place_text(widths.gap_at)}"),
     ]
     if moved is None:
         return rows

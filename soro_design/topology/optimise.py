@@ -20,7 +20,7 @@ from soro_design.topology.physics.compliance import Compliance
 from soro_design.topology.physics.filter import density_filter, greyness
 from soro_design.topology.physics.grid import place_text
 from soro_design.topology.physics.stroke import Stroke
-from soro_design.topology.robust import densities, evaluated, worst
+from soro_design.topology.robust import densities, judged
 from soro_design.topology.shape import contour
 from soro_design.topology.task import Task
 
@@ -176,22 +176,17 @@ def _iterate(
     eased = min(1.0, RISING * state.rows[-1].eased) if state.rows else 1.0
     designs = [densities(domain, weights, x, sharpness, at) for at in task.schedule.thresholds(sharpness)]
     # The part is the first; the others begin where they, or it, have rested before.
-    guesses = [state.u, *(state.others if len(state.others) else [state.u] * len(designs))]
+    others = state.others if len(state.others) else [state.u] * (len(designs) - 1)
     for attempt in range(RETREATS + 1):
         pressure = eased * scheduled
         try:
-            at = [
-                evaluated(found, one[1], penalty, pressure, u)
-                for one, u in zip(designs, guesses, strict=False)
-            ]
+            goal, by_filtered, each = judged(found, designs, penalty, pressure, (state.u, *others))
             break
         except ModelError as error:
             if attempt == RETREATS:
                 raise ModelError(f"iteration {k + 1}, {pressure:.4g} Pa: {error}", error.key) from None
             eased *= EASED
-    goal, by_goal = worst(np.array([one.objective for one in at]))
-    gradient = sum(by * one.gradient * design[2] for by, one, design in zip(by_goal, at, designs, strict=True))
-    if not np.isfinite(gradient).all() or not any(one.gradient.any() for one in at):
+    if not np.isfinite(by_filtered).all() or not any(one.gradient.any() for one in each):
         raise ModelError(
             f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material",
             "inlet",
@@ -205,15 +200,15 @@ def _iterate(
     limit = task.volume_fraction
     by_volume = weights.T @ (share * slope) / limit
     following, moves = mma_step(
-        x, weights.T @ gradient, volume / limit - 1.0, by_volume, (least, most), state.moves
+        x, weights.T @ by_filtered, volume / limit - 1.0, by_volume, (least, most), state.moves
     )
     row = IterationRow(
         k + 1,
         goal,
-        at[0].motion_m,
+        each[0].motion_m,
         volume,
         greyness(density),
-        max(one.residual for one in at),
+        max(one.residual for one in each),
         pressure,
         penalty,
         sharpness,
@@ -223,11 +218,11 @@ def _iterate(
     return OptimiserState(
         following,
         moves,
-        at[0].u,
-        np.array([one.u for one in at[1:]]),
+        each[0].u,
+        np.array([one.u for one in each[1:]]),
         density,
         filtered,
-        at[0].pressure,
+        each[0].pressure,
         np.vstack([state.frames, frame]),
         (*state.rows, row),
     )

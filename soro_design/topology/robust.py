@@ -1,13 +1,14 @@
 """Designs that a task is judged by: projected at its threshold and, if it asks for it, above and below.
 
-A wall or gap too thin for the filter vanishes in one of them, so a design that lives on it does not pay (F. Wang,
-B. S. Lazarov, O. Sigmund, On projection methods, convergence and robust formulations in topology
-optimization, 2011). The goal is that of the worst.
+A wall or gap too thin for the filter vanishes in one of them, so a design that lives on it does not pay
+(F. Wang, B. S. Lazarov, O. Sigmund, On projection methods, convergence and robust formulations in
+topology optimization, 2011). The goal is that of the worst.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -47,22 +48,44 @@ def densities(
     return filtered, density, np.where(domain.is_given, 0.0, slope)
 
 
-def evaluated(
-    found: Stroke | Compliance, density: Array, penalty: float, pressure_pa: float, guess: Array
-) -> Evaluation:
-    """Return the goal of one design and its gradient by density.
+class Judged(NamedTuple):
+    """The goal of a set of designs.
+
+    Attributes
+    ----------
+    goal : float
+        Of the worst of them.
+    by_filtered : ndarray, (e,)
+        Its derivative by the filtered densities.
+    each : list of Evaluation
+        Of the designs.
+    """
+
+    goal: float
+    by_filtered: Array
+    each: list[Evaluation]
+
+
+def judged(
+    found: Stroke | Compliance,
+    designs: Sequence[tuple[Array, Array, Array]],
+    penalty: float,
+    pressure_pa: float,
+    guesses: Iterable[Array],
+) -> Judged:
+    """Return the goal of the worst of some designs.
 
     Parameters
     ----------
     found : Stroke or Compliance
-        What it is computed with.
-    density : ndarray, (e,)
-        The design.
+        What they are computed with.
+    designs : sequence
+        What `densities` returns for the threshold of each.
     penalty : float
         Exponent of the stiffness.
     pressure_pa : float
         At the inlet [Pa].
-    guess : ndarray, (n, d)
+    guesses : iterable of ndarray, (n, d)
         Displacements to begin with [m].
 
     Raises
@@ -70,9 +93,15 @@ def evaluated(
     ModelError
         Where there is no equilibrium, or the air strains nothing.
     """
-    if isinstance(found, Compliance):
-        return found.evaluate(density, penalty, pressure_pa)
-    return found.evaluate(density, penalty, pressure_pa, guess)
+    each = [
+        found.evaluate(density, penalty, pressure_pa)
+        if isinstance(found, Compliance)
+        else found.evaluate(density, penalty, pressure_pa, guess)
+        for (_, density, _), guess in zip(designs, guesses, strict=True)
+    ]
+    goal, by_goal = worst(np.array([one.objective for one in each]))
+    slopes = np.array([one.gradient * slope for one, (_, _, slope) in zip(each, designs, strict=True)])
+    return Judged(goal, by_goal @ slopes, each)
 
 
 def worst(goals: Array) -> tuple[float, Array]:

@@ -147,7 +147,7 @@ class Schedule(Strict):
         Field(
             ge=0.0,
             lt=0.5,
-            description="the worst of three designs counts, projected at `threshold`, so much above and below",
+            description="of projections at `threshold` and so much above and below it the worst counts",
         ),
     ] = 0.0
     move: Annotated[

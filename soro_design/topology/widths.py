@@ -14,8 +14,8 @@ from soro_design.topology.flood import on_border
 
 # Walls and hinges below this tear, or are not printed [m].
 PRINTABLE_M = 8e-4
-# Two places of the surface face each other within this cosine.
-FACING = 0.8
+# Two places of the surface face each other within this cosine: a round end counts with so much of its width.
+FACING = 0.9
 # Widths are looked for between points up to this share of the least length of the grid apart.
 FARTHEST = 0.5
 
@@ -50,7 +50,10 @@ def least_widths(domain: Domain, mesh: Mesh) -> Widths:
     points, outwards = _surface(domain, mesh)
     for axis in domain.task.mirrors:
         turn = np.where(np.arange(points.shape[1]) == "xyz".index(axis), -1.0, 1.0)
-        points, outwards = np.concatenate([points, points * turn]), np.concatenate([outwards, outwards * turn])
+        points, outwards = (
+            np.concatenate([points, points * turn]),
+            np.concatenate([outwards, outwards * turn]),
+        )
     # Outward normals point apart across solid, at each other across a gap.
     return Widths(*_least(domain, points, -outwards), *_least(domain, points, outwards))
 
@@ -65,13 +68,11 @@ def _least(domain: Domain, points: Array, across: Array) -> tuple[float, Array]:
         length = np.linalg.norm(along, axis=1)
         # Images of one point in a plane of symmetry lie on each other.
         is_apart = length > 1e-9 * reach
-        a, b, along, length = a[is_apart], b[is_apart], along[is_apart], length[is_apart, None]
-        cosines = np.array([(along * across[a]).sum(axis=1), -(along * across[b]).sum(axis=1)]) / length.T
-        # Between flat faces the mean of the distances along both directions is exact for any pair of points.
-        width = np.where(cosines.min(axis=0) > FACING, cosines.mean(axis=0) * length[:, 0], np.inf)
-        k = int(width.argmin()) if len(width) else 0
-        # A longer pair may be less wide than it is long.
-        if len(width) and width[k] <= FACING * reach:
+        a, b, along, length = a[is_apart], b[is_apart], along[is_apart], length[is_apart]
+        of_a, of_b = (along * across[a]).sum(axis=1), -(along * across[b]).sum(axis=1)
+        width = np.where(np.minimum(of_a, of_b) > FACING * length, length, np.inf)
+        if width.min(initial=np.inf) < np.inf:
+            k = int(width.argmin())
             return float(width[k]), 0.5 * (points[a[k]] + points[b[k]])
         if reach >= most:
             return np.inf, np.full(points.shape[1], np.nan)
@@ -79,7 +80,7 @@ def _least(domain: Domain, points: Array, across: Array) -> tuple[float, Array]:
 
 
 def _surface(domain: Domain, mesh: Mesh) -> tuple[Array, Array]:
-    """Nodes of the surface (m, d) [m] and their outward normals, those of faces about them weighted by size."""
+    """Nodes of the surface (m, d) [m] and their outward normals, from the faces about them by size."""
     faces = mesh.boundary()
     size = domain.grid.mesh.points.max(axis=0)
     is_low = on_border(mesh.points[faces], size)[0]

@@ -24,3 +24,10 @@ def box(**changes):
     data |= {"cells": [6, 5, 6], "filter_radius_m": 0.003, "start": []}
     data["schedule"] |= {"iterations": 3, "ramp": 2, "pressure_pa": [5e2, 1e3], "sharpness": [2.0]}
     return task_from_dict(data | changes)
+
+
+def ball():
+    """The eighth of a box with its output in the plane y = 0."""
+    goal = {"kind": "farthest", "material": "dragonskin_10", "poisson_ratio": 0.45, "spring_pa": 0.0}
+    face = {"kind": "box", "y_m": [0.0, 0.0]}
+    return box(cells=[12, 12, 9], goal=goal | {"output": face, "direction": [1.0, 0.0, 0.0]})

@@ -5,11 +5,11 @@ import pytest
 
 from soro_core.config import with_changes
 from soro_design.topology.domain import analysis, make_domain
-from soro_design.topology.robust import densities
 from soro_design.topology.physics import stroke
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.filter import density_filter, projection
 from soro_design.topology.physics.grid import make_grid
+from soro_design.topology.robust import densities, judged
 from soro_design.topology.task import load_task
 from tests.soro_design.topology.small import bellow, box
 
@@ -125,3 +125,25 @@ def test_the_gradient_passes_filter_and_projection(sharpness):
     other = weights.T @ (by_density * projection(density, sharpness, 0.5)[1])
     print(f"sharpness {sharpness:g}: {gradient @ along / exact - 1.0:.1e}; other {other @ along / exact:.2f}")
     assert gradient @ along == pytest.approx(exact, rel=2e-9)
+
+
+def test_the_gradient_of_the_worst_of_three_designs_is_exact():
+    """Two of them are the part as erosion and dilation leave it."""
+    task = bellow(schedule={"erosion": 0.2})
+    domain = make_domain(task)
+    found, weights = analysis(domain), density_filter(domain.grid, task.filter_radius_m)
+    rng = np.random.default_rng(6)
+    x = rng.uniform(0.4, 0.8, len(domain.is_solid))
+    none = [np.zeros_like(domain.output)] * 3
+
+    def of(x):
+        designs = [densities(domain, weights, x, 2.0, at) for at in task.schedule.thresholds(2.0)]
+        return judged(found, designs, 2.0, 5e2, none)
+
+    at = of(x)
+    goals = [one.objective for one in at.each]
+    assert goals[2] > goals[0] > goals[1]
+    assert goals[0] < at.goal < goals[2]
+    gradient = weights.T @ at.by_filtered
+    along = rng.uniform(0.2, 1.0, len(x)) * np.sign(gradient)
+    assert gradient @ along == pytest.approx(slope_of(lambda x: of(x).goal, x, along, 1e-5), rel=1e-6)

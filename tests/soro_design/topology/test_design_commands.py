@@ -60,7 +60,7 @@ def test_a_run_is_interrupted_resumed_checked_and_exported(soro, tmp_path, monke
     assert "iterations, greyness" not in done.output
     checked = soro("check", "small_design")
     assert checked.exit_code == 0, checked.output
-    for word in ("leak", "thinnest wall", "own mesh"):
+    for word in ("leak", "thinnest wall", "least wall or hinge", "least gap", "own mesh"):
         assert word in checked.output
     written = soro("export", "small_design", "--stl", "small.stl", "--extrude", "4mm")
     assert written.exit_code == 0, written.output

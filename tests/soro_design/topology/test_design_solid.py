@@ -13,7 +13,7 @@ from soro_design.topology.flood import flood, wet_faces
 from soro_design.topology.section import final_surface
 from soro_design.topology.shape import snapped, solid_mesh
 from soro_design.topology.tetrahedra import cut_tetrahedra, tetrahedra, turned
-from tests.soro_design.topology.small import box
+from tests.soro_design.topology.small import ball, box
 
 
 def shell(domain, inner=5e-3, outer=8e-3):
@@ -22,13 +22,6 @@ def shell(domain, inner=5e-3, outer=8e-3):
 
 
 SHELL = ((8.9e-3, 0.9), (5e-3, 0.05))
-
-
-def ball():
-    """The eighth of a box with its output in the plane y = 0."""
-    goal = {"kind": "farthest", "material": "dragonskin_10", "poisson_ratio": 0.45, "spring_pa": 0.0}
-    face = {"kind": "box", "y_m": [0.0, 0.0]}
-    return box(cells=[12, 12, 9], goal=goal | {"output": face, "direction": [1.0, 0.0, 0.0]})
 
 
 def test_the_tetrahedra_fill_the_grid_and_meet_face_to_face():

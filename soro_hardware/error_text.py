@@ -25,7 +25,7 @@ _DO = {
 
 
 def reason(error: BaseException) -> str:
-    """Return the reason of a failed call, or of a library's error that wraps it, in one line without numbers.
+    """Return the reason of a failed call, or of the library error that wraps it: one line, no error number.
 
     Libraries wrap errors of the system and repeat their text.
     """

@@ -78,7 +78,7 @@ class KeptNumbers(Strict):
         return np.asarray(np.clip(values, lower, upper))
 
     def require_robot(self, robot: Robot, where: str = "learned") -> None:
-        """Refuse another robot, whose links are divided as in the model of the learner, by the file `where`.
+        """Refuse another robot; links are divided as the learner has them, `where` is the file of numbers.
 
         Raises
         ------

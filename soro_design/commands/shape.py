@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from soro_core.config import name_argument
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, ModelError
 from soro_core.files.units import unit_option
 
 if TYPE_CHECKING:
@@ -79,7 +79,8 @@ def shape(
 
     def told(now: ShapeSearch) -> None:
         write_designs(now, folder / DESIGNS)
-        console.print(f"{len(now.designs)} of {most} designs: {line(now)}", highlight=False)
+        of = f" of {most}" if len(now.designs) <= most else ""
+        console.print(f"{len(now.designs)}{of} designs: {line(now)}", highlight=False)
 
     is_interrupted = False
     with executor_of(jobs) as executor:
@@ -91,6 +92,10 @@ def shape(
                 optimise(state, executor, most, told, lambda: bool(interrupts))
             except KeyboardInterrupt:
                 is_interrupted = True
+            except ModelError:
+                if not state.designs:  # nothing is lost, and the same command may be tried again
+                    folder.rmdir()
+                raise
             is_interrupted = is_interrupted or bool(interrupts)
     _finish(state, path, folder)
     if is_interrupted:

@@ -80,7 +80,7 @@ def optimise(
     executor : Executor
         Computes the designs of a round; results do not depend on it.
     most : int
-        Number of designs.
+        Number of designs before the own mesh is asked; `MORE` rounds more follow each check that fails.
     told : callable
         Called after each design.
     stop : callable
@@ -122,9 +122,9 @@ def optimise(
     state.start = _computed(task, task.file)
     if state.before is not None and not state.before.cause and not state.start.cause:
         state.ratio = max(1.0, (state.before.stretch - 1.0) / (state.start.stretch - 1.0))
-    round_of(first)
+    round_of(first[:most])
     while not stop() and len(state.designs) < most and not search.ended():
-        if not round_of(search.next()):
+        if not round_of(search.next()[: most - len(state.designs)]):
             break
     for check in range(CHECKS):
         if state.best is None:

@@ -42,6 +42,12 @@ class SurrogateSearch:
     is_allowed : callable
         Whether a design can be made, before it is computed.
     seed : int
+    points : list of ndarray, (k,)
+        Designs that are known.
+    values, excess : list of float
+        Of each: its value (less is better; NaN: it failed), and how far it is beyond its limit, 0 at it.
+    box : float
+        Half the width of the box around the best design.
     """
 
     start: Array
@@ -67,12 +73,6 @@ class SurrogateSearch:
                 if len(found) <= 3 * k + 1 and self.is_allowed(point) and self._is_new(point, found, 1e-9):
                     found.append(point)
         return found
-
-    def tell(self, point: Array, value: float, excess: float) -> None:
-        """Take in the value of a design (less is better; NaN: it failed) and its excess (kept: at most 0)."""
-        self.points.append(point)
-        self.values.append(value)
-        self.excess.append(excess)
 
     @property
     def best(self) -> int | None:

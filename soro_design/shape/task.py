@@ -199,8 +199,10 @@ def _varied(text: str, geometry: StatedGeometry) -> Varied:
     names = [name for name in fields if _is_dimension(geometry, name)]
     if key not in names:
         raise ConfigError(COMMAND, "--vary", key, f"of {geometry.kind}: {', '.join(names)}")
+    if ":" not in bounds:
+        raise ConfigError(COMMAND, f"--vary {key}", bounds, "LOW:HIGH, such as 1mm:2mm")
     quantity = Quantity(unit_of(key), -np.inf, np.inf, "")
-    low, high = (quantity.number(one, COMMAND, f"--vary {key}") for one in (*bounds.split(":", 1), "")[:2])
+    low, high = (quantity.number(one, COMMAND, f"--vary {key}") for one in bounds.split(":", 1))
     is_count = fields[key].annotation is int
     if is_count and not (low.is_integer() and high.is_integer()):
         raise ConfigError(COMMAND, f"--vary {key}", bounds, "whole numbers")

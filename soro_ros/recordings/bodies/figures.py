@@ -16,7 +16,7 @@ from soro_ros.recordings.bodies.tracks import messages_of
 from soro_ros.recordings.report import last_s
 from soro_ros.recordings.verdict import Verdict
 
-# An arm has let go of what it has not touched for longer than this [s]: within it a free body falls 49 mm.
+# A body that no arm has touched for longer than this is dropped [s]; a free one falls 49 mm in this time.
 _LET_GO_S = 0.1
 _GRAVITY = 9.81
 

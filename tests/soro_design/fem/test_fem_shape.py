@@ -197,7 +197,8 @@ def test_ctrl_c_keeps_the_best_so_far(soro, tmp_path, monkeypatch):
         (("height", VARY[0]), ("--goal", "height", "bend")),
         (("stroke", "wall_m=1mm:2mm"), ("--vary", "wall_m", "outer_radius_m")),
         (("stroke", "inner_radius_m=6mm:3mm"), ("--vary inner_radius_m", "6mm:3mm", "lower")),
-        (("stroke", "inner_radius_m=6mm"), ("--vary inner_radius_m", "", "length")),
+        (("stroke", "inner_radius_m=6mm"), ("--vary inner_radius_m", "6mm", "LOW:HIGH")),
+        (("stroke", "inner_radius_m=6mm:"), ("--vary inner_radius_m", "", "length")),
         (("stroke", VARY[0], "--sweep", "pulled"), ("--sweep", "pulled", "blown")),
         (("stroke", VARY[0], "--max-stretch", "0.9"), ("--max-stretch", 0.9, "1")),
     ],
@@ -216,3 +217,18 @@ def test_limits_that_no_design_keeps_are_named(soro, limit, said):
     more = ("--goal", "stroke", "--vary", VARY[0], "--pressure", "4kPa", "--designs", "3", *limit)
     with fails(ModelError, said):
         raise soro(*more).exception
+
+
+def test_the_same_command_may_be_tried_again_where_nothing_was_computed(soro, tmp_path):
+    for _ in range(2):
+        with fails(ModelError, "9 mm"):
+            raise soro(
+                "--goal", "stroke", "--vary", VARY[0], "--min-wall", "9mm", "--max-stretch", "2"
+            ).exception
+    assert not (tmp_path / "part_shape").exists()
+
+
+def test_no_more_designs_than_asked_are_computed(tube):
+    state = ShapeSearch(make_task(tube, "stroke", VARY, pressure_pa=1e3, limits=(2.0, 0.0)))
+    optimise(state, Here(), 3, lambda now: None)
+    assert len(state.designs) == 3

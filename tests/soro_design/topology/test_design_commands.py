@@ -62,6 +62,12 @@ def test_a_run_is_interrupted_resumed_checked_and_exported(soro, tmp_path, monke
     assert checked.exit_code == 0, checked.output
     for word in ("leak", "thinnest wall", "least wall or hinge", "least gap", "own mesh"):
         assert word in checked.output
+    with monkeypatch.context() as patch:
+        patch.setattr("soro_design.topology.widths.PRINTABLE_M", 0.1)
+        thin = soro("check", "small_design")
+    assert thin.exit_code == 0, thin.output
+    assert "a wall or hinge of" in thin.output
+    assert "at least 100 mm" in thin.output
     written = soro("export", "small_design", "--stl", "small.stl", "--extrude", "4mm")
     assert written.exit_code == 0, written.output
     points, triangles = read_stl(tmp_path / "small.stl")

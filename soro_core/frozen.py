@@ -22,10 +22,10 @@ def replaced(before: Frozen, /, **changes: Any) -> Frozen:
     TypeError
         For a name that is no field.
     """
-    fields = before.__dict__
-    if not changes.keys() <= fields.keys():
+    fields, after = before.__dict__, object.__new__(type(before))
+    own = after.__dict__
+    own.update(fields)
+    own.update(changes)
+    if len(own) != len(fields):
         raise TypeError(f"{type(before).__name__} has no field {', '.join(changes.keys() - fields.keys())}")
-    after = object.__new__(type(before))
-    after.__dict__.update(fields)
-    after.__dict__.update(changes)
     return after

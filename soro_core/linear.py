@@ -53,14 +53,6 @@ def solve(matrix: Array, right: Array, least: float = LEAST, of: Array | None = 
     return np.asarray(np.linalg.solve(matrix, right), dtype=np.float64)
 
 
-def block_diagonal(first: Array, second: Array) -> Array:
-    """Return the square matrix with two square ones on its diagonal."""
-    n, m = len(first), len(second)
-    whole = np.zeros((n + m, n + m))
-    whole[:n, :n], whole[n:, n:] = first, second
-    return whole
-
-
 def _condition(matrix: Array, found: Array) -> float:
     """Return the product of the norms of a matrix and an inverse."""
     return float(np.abs(matrix).sum(axis=0).max() * np.abs(found).sum(axis=0).max())

@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.arrays import Array
-from soro_core.linear import block_diagonal
 
 if TYPE_CHECKING:
     from soro_core.model import SoftArm
@@ -76,12 +75,19 @@ class ChamberModel:
         Most files are right, and some are far off: a prior with long tails, as that of a Gaussian whose
         variance grows with what is found.
         """
-        n = self.link.size
+        n, (same, apart, together) = self.link.size, self._of_means
+        prior = np.zeros((self.size, self.size))
+        largest = (values[:n] ** 2 * same).max(axis=1, initial=0.0)
+        prior[:n, :n] = apart / (self.gain_std**2 + largest)[:, None] + together
+        prior.flat[n * (self.size + 1) :: self.size + 1] = 1.0 / (self.slope_std**2 + values[n:] ** 2)
+        return prior
+
+    @cached_property
+    def _of_means(self) -> tuple[Array, Array, Array]:
+        """Whether chambers are of one link, what g differs by from its mean, and the prior of that mean."""
         same = (self.link[:, None] == self.link).astype(float)
         mean = same / same.sum(axis=1)
-        largest = np.max(values[:n] ** 2 * same, axis=1, initial=0.0)
-        gains = (np.eye(n) - mean) / (self.gain_std**2 + largest)[:, None] + mean / _MEAN_STD**2
-        return block_diagonal(gains, np.diag(1.0 / (self.slope_std**2 + values[n:] ** 2)))
+        return same, np.eye(self.link.size) - mean, mean / _MEAN_STD**2
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -92,11 +98,15 @@ class ChamberModel:
 
     def factor(self, values: Array, q: Array) -> Array:
         """Return e (n_u,) at coordinates q (n_q,)."""
-        found = (1.0 + values[: self.link.size]) * self._growth(values, self.fibre @ q)
+        return self._factor(values, self.fibre @ q)
+
+    def _factor(self, values: Array, strain: Array) -> Array:
+        """Return e (..., n_u) at strains delta (..., n_u)."""
+        found = (1.0 + values[: self.link.size]) * self._growth(values, strain)
         return np.asarray(np.minimum(np.maximum(found, _LEAST), _MOST))
 
     def _growth(self, values: Array, strain: Array) -> Array:
-        """Return exp(b_i delta_u) (n_u,) at strains delta (n_u,), within bounds."""
+        """Return exp(b_i delta_u) (..., n_u) at strains delta (..., n_u), within bounds."""
         growth = np.exp(values[self.link.size :][self.link] * strain)
         return np.asarray(np.minimum(np.maximum(growth, 1.0 / _MOST_GROWTH), _MOST_GROWTH))
 
@@ -125,15 +135,19 @@ class ChamberModel:
         acting_pa : ndarray (n_u,)
             Effective pressures p [Pa].
         """
+        places = [q, *(q + self._steps)]
+        strains = np.array([self.fibre @ place for place in places])
+        acts_pa = (1.0 - self._factor(values, strains)) * acting_pa
+        here, *moved = (self.arm.actuation_matrix(x) @ p for x, p in zip(places, acts_pa, strict=True))
+        by_q = np.empty((q.size, q.size))
+        for k, there in enumerate(moved):
+            by_q[:, k] = there - here
+        return here, by_q / self.step
 
-        def at(place: Array) -> Array:
-            return np.asarray(
-                self.arm.actuation_matrix(place) @ ((1.0 - self.factor(values, place)) * acting_pa)
-            )
-
-        here = at(q)
-        moved = [at(q + step) for step in np.diag(self.step)]
-        return here, (np.stack(moved, axis=1) - here[:, None]) / self.step
+    @cached_property
+    def _steps(self) -> Array:
+        """Changes of q, one a row: (n_q, n_q)."""
+        return np.diag(self.step)
 
     def named(self, values: Array, covariance: Array) -> str:
         """Return which chambers differ from the others of their link, or an empty string.

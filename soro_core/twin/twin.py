@@ -10,7 +10,6 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike
 
-from soro_core import pneumatics
 from soro_core.arrays import Array
 from soro_core.config import with_changes
 from soro_core.errors import ModelError
@@ -19,6 +18,8 @@ from soro_core.estimation.sensors.tracker import Tracker
 from soro_core.frozen import replaced
 from soro_core.integrate import OK, State, Status
 from soro_core.model.checks import finite, shaped
+from soro_core.pneumatics import regulator
+from soro_core.pneumatics.valve_condition import ValveAction, ValveCondition
 from soro_core.robot import Robot
 from soro_core.twin.config import SensorConfig, TwinConfig
 from soro_core.twin.followed_base import AT_REST, BaseWay
@@ -65,7 +66,7 @@ class TwinState:
 
     tick: int
     arm: State
-    air: pneumatics.RegulatorState
+    air: regulator.RegulatorState
     poses: tuple[SensorState[PoseSample], ...]
     imus: tuple[SensorState[ImuSample], ...]
     status: Status
@@ -157,7 +158,7 @@ class Twin:
         """Return the state at tick 0: at rest under constant pressures (n_u,) [Pa], none by default."""
         pressure = np.zeros(self.plant.arm.n_u) if pressure_pa is None else pressure_pa
         arm = self.plant.rest(pressure)
-        air = pneumatics.RegulatorState(pressure_pa=pressure, target_pa=pressure)
+        air = regulator.RegulatorState(pressure_pa=pressure, target_pa=pressure)
         poses = tuple(SensorState[PoseSample]() for _ in self.config.pose.locations)
         imus = tuple(SensorState[ImuSample]() for _ in self.config.imu.locations)
         return TwinState(0, arm, air, poses, imus, OK)
@@ -165,9 +166,10 @@ class Twin:
     def observe(self, state: TwinState) -> tuple[TwinState, Observation]:
         """Sample every sensor at the tick of `state`; to be called once a tick."""
         plant, config, t = self._plant(state), self.config, state.tick * self.dt
+        tip = plant.pose(state.arm, self._length, t)
 
         def pose(at: float, rng: np.random.Generator) -> PoseSample:
-            section = plant.pose(state.arm, at, t)
+            section = tip if at == self._length else plant.pose(state.arm, at, t)
             shown = section if self._tracker is None else self._tracker.seen(section, at)
             return measure_pose(config.pose, shown, t, at, rng)
 
@@ -181,13 +183,12 @@ class Twin:
         imus, seen_imus = self._sampled(
             config.imu, self._imu_clock, state.imus, state.tick, imu, self._imu_rngs
         )
-        reading = pneumatics.reading(config.regulator, state.air, self._air_rng)
+        reading = regulator.reading(config.regulator, state.air, self._air_rng)
         since = self.since(state)
         push = config.wrench.at(since)[3:] + (0.0 if state.push is None else state.push[3:])
         contact = plant.contact_force(state.arm, t, since)
         if state.touched_n is not None:
             contact = contact + state.touched_n
-        tip = plant.pose(state.arm, self._length, t)
         seen = Observation(reading, seen_poses, seen_imus, tip, push, contact)
         return replaced(state, poses=poses, imus=imus), seen
 
@@ -216,12 +217,12 @@ class Twin:
     def step_setpoints(self, state: TwinState, setpoint_pa: Array) -> TwinState:
         """Advance one tick with the twin's own regulators following set points (n_u,) [Pa gauge]."""
         if self.plant.has_air:
-            air, spans = pneumatics.targets(self.config.regulator, state.air, setpoint_pa, self.dt)
+            air, spans = regulator.targets(self.config.regulator, state.air, setpoint_pa, self.dt)
             return self._breathe(state, air, spans)
-        air = pneumatics.step(self.config.regulator, state.air, setpoint_pa, self.dt)
+        air = regulator.step(self.config.regulator, state.air, setpoint_pa, self.dt)
         return self._step(state, air)
 
-    def step_valves(self, state: TwinState, action: pneumatics.ValveAction) -> TwinState:
+    def step_valves(self, state: TwinState, action: ValveAction) -> TwinState:
         """Advance one tick with the action of valves in another process; the air is simulated here.
 
         Raises
@@ -234,7 +235,7 @@ class Twin:
 
     def at_pressures(self, state: TwinState, pressure_pa: Array) -> TwinState:
         """Return the state with other pressures (n_u,) [Pa gauge] in its chambers, the arm as it is."""
-        air = pneumatics.RegulatorState(pressure_pa=pressure_pa, target_pa=pressure_pa)
+        air = regulator.RegulatorState(pressure_pa=pressure_pa, target_pa=pressure_pa)
         return replace(state, arm=self.plant.at_pressures(state.arm, pressure_pa), air=air)
 
     def at_wrench(
@@ -290,9 +291,9 @@ class Twin:
             text = "pressures from elsewhere with air: states: allowed are set points, or air: lag"
             raise ModelError(text, "air")
         pressure = np.asarray(pressure_pa, dtype=np.float64)
-        return self._step(state, pneumatics.RegulatorState(pressure_pa=pressure, target_pa=pressure))
+        return self._step(state, regulator.RegulatorState(pressure_pa=pressure, target_pa=pressure))
 
-    def _step(self, state: TwinState, air: pneumatics.RegulatorState) -> TwinState:
+    def _step(self, state: TwinState, air: regulator.RegulatorState) -> TwinState:
         if self._is_held:
             return replaced(state, tick=state.tick + 1, air=air)
         start_pa, end_pa = state.air.pressure_pa, air.pressure_pa
@@ -303,9 +304,9 @@ class Twin:
     def _breathe(
         self,
         state: TwinState,
-        air: pneumatics.RegulatorState,
+        air: regulator.RegulatorState,
         spans: Iterable[tuple[float, Array]],
-        condition: pneumatics.ValveCondition | None = None,
+        condition: ValveCondition | None = None,
     ) -> TwinState:
         """Advance arm and air together; the valves move towards the targets of their regulators."""
         arm, status, plant = state.arm, OK, self._plant(state)

@@ -24,6 +24,23 @@ _INERTIA_ALONG = 3.0
 ALONG, ALONG_LOAD = 0.5, 5.0
 
 
+class Axes(NamedTuple):
+    """Principal axes of a covariance: variances (3,), from the least on, and directions (3, 3), columns."""
+
+    variances: Array
+    directions: Array
+
+    @property
+    def weak(self) -> Array:
+        """Direction (3,) of the largest variance."""
+        return self.directions[:, -1]
+
+
+def axes_of(covariance: Array) -> Axes:
+    """Return the principal axes of a covariance (3, 3)."""
+    return Axes(*np.linalg.eigh(covariance))
+
+
 class NoisyForce(NamedTuple):
     """A measured force.
 
@@ -31,8 +48,8 @@ class NoisyForce(NamedTuple):
     ----------
     force_n : ndarray (3,)
         [N].
-    density : ndarray (3, 3)
-        Covariance of its noise, times the time for which that lasts [N^2 s].
+    density : Axes
+        Those of the covariance of its noise, times the time for which that lasts [N^2 s].
     inertia : float
         The same of the error of the force of inertia in each direction across the weak one [N^2 s].
     """
@@ -67,9 +84,8 @@ def averaged(
     along_part : float
         Part of a new force along the weak direction that is expected, of that across it.
     """
-    variances, directions = np.linalg.eigh(seen.density)
-    noise = (variances[1:] + seen.inertia * np.array([1.0, _INERTIA_ALONG**2])) / max(dt, 1e-3)
-    weak = directions[:, -1]
+    noise = seen.density.variances[1:] + seen.inertia * np.array([1.0, _INERTIA_ALONG**2])
+    noise, weak = noise / max(dt, 1e-3), seen.density.weak
     if before is None or dt <= 0.0:
         return Average(seen.force_n, *noise[::-1])
     off = seen.force_n - before.force_n
@@ -84,8 +100,7 @@ def averaged(
     return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]))
 
 
-def covariance_of(average: Average, density: Array) -> Array:
-    """Return the covariance (3, 3) [N^2] of an average by noise of such a density."""
-    weak = np.linalg.eigh(density)[1][:, -1]
+def covariance_of(average: Average, weak: Array) -> Array:
+    """Return the covariance (3, 3) [N^2] of an average by noise with a weak direction (3,)."""
     square = np.outer(weak, weak)
     return np.asarray(average.across * (np.eye(3) - square) + average.along * square)

@@ -16,7 +16,7 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
-from soro_core.estimation.force.average import ALONG_LOAD, Average, NoisyForce, averaged, covariance_of
+from soro_core.estimation.force.average import ALONG_LOAD, Average, Axes, NoisyForce, averaged, axes_of, covariance_of
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -224,8 +224,11 @@ class ForceObserver:
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
         if balance is None:
             return state.begun_anew(state.due_s)
-        state = self._averaged(state._replace(balance=balance), measured, float(theta[0]), seen[-1].q, dt)
-        told = self._told(state, measured, learned, float(theta[0]), bent)
+        noise = self._noise(balance, state)
+        density = axes_of(state.interval_s * noise)
+        state = state._replace(balance=balance)
+        state = self._averaged(state, measured, density, float(theta[0]), seen[-1].q, dt)
+        told = self._told(state, measured, (noise, density.weak), learned, float(theta[0]), bent)
         stage = next_stage(state.stage, told, dt) if self._may_tell(state, learned) else state.stage
         slow, covariance = told.slow
         if state.stage.stage != "free" and stage.stage == "free":
@@ -244,14 +247,13 @@ class ForceObserver:
         return state._replace(stage=stage, held=held, external=external)
 
     def _averaged(
-        self, state: ForceState, measured: Measured, mass_kg: float, q: Array, dt: float
+        self, state: ForceState, measured: Measured, density: Axes, mass_kg: float, q: Array, dt: float
     ) -> ForceState:
         """Return the state with the force of its new balance in both averages, and the motion of the tip."""
         assert state.balance is not None
         jacobian = self.arm.jacobian(q, state.place)[3:]
         acceleration = float(np.linalg.norm(jacobian @ measured.qdd))
         inertia = (self._inertia_kg(mass_kg) * acceleration) ** 2 / self.config.fast_per_s
-        density = state.interval_s * self._noise(state.balance, state)
         noisy, rate = NoisyForce(state.balance.force_n, density, inertia), self.config.low_pass_per_s
         speed = velocity = jacobian @ measured.qd
         if state.speed is not None:
@@ -264,20 +266,28 @@ class ForceObserver:
         )
 
     def _told(
-        self, state: ForceState, measured: Measured, learned: Learned | None, mass_kg: float, bent: Array
+        self,
+        state: ForceState,
+        measured: Measured,
+        by_noise: tuple[Array, Array],
+        learned: Learned | None,
+        mass_kg: float,
+        bent: Array,
     ) -> ForceSeen:
-        """Return what the balance and the averages of a state say of the force."""
+        """Return what the balance and the averages of a state say of the force.
+
+        `by_noise`: the covariance of the balance by noise, and its weak direction.
+        """
         balance, average, of_any, speed = state.balance, state.average, state.of_any, state.speed
         assert balance is not None
         assert average is not None
         assert of_any is not None
         assert speed is not None
-        noise, doubt = self._noise(balance, state), self._doubt(balance, measured, learned, bent)
-        density = state.interval_s * noise
+        (noise, weak), doubt = by_noise, self._doubt(balance, measured, learned, bent)
         return ForceSeen(
             (balance.force_n, self._part(state, self.config.fast_per_s) * noise + doubt),
-            (average.force_n, covariance_of(average, density) + doubt),
-            (of_any.force_n, covariance_of(of_any, density) + doubt),
+            (average.force_n, covariance_of(average, weak) + doubt),
+            (of_any.force_n, covariance_of(of_any, weak) + doubt),
             self.balancer.fine.tables.gravity,
             self.arm.robot.tip_mass + mass_kg,
             self._inertia_kg(mass_kg),

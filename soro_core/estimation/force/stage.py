@@ -136,14 +136,17 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     told = of_any[0], state.doubt * of_any[1]
     rest = _rest(told[0], told[1] + aside, gravity, load_kg)
     force_s = state.force_s + dt if fast_size > _FORCE else 0.0
-    strength = _across(*slow)
-    largest_n = 0.0 if state.stage == "free" else max(state.largest_n, strength)
-    # The error of the force of inertia hides a small rest of a force, not the force.
-    still = np.eye(3) * (inertia_kg * weight * swing if strength < _LEFT * largest_n else 0.0) ** 2
-    is_gone = all(
-        _size(force, _beside_weakest(force, state.doubt * covariance + still)) < most
-        for (force, covariance), most in ((fast, _FORCE), (slow, _NO_FORCE))
-    )
+    largest_n = still_n = 0.0
+    if state.stage != "free":
+        strength = _across(*slow)
+        largest_n = max(state.largest_n, strength)
+        # The error of the force of inertia hides a small rest of a force, not the force.
+        still_n = inertia_kg * weight * swing if strength < _LEFT * largest_n else 0.0
+
+    def left(force: Array, covariance: Array) -> float:
+        return _size(force, _beside_weakest(force, state.doubt * covariance + still_n**2 * np.eye(3)))
+
+    is_gone = (left(*fast) if still_n else fast_size) < _FORCE and left(*slow) < _NO_FORCE
     gone_s = state.gone_s + dt if is_gone else 0.0
     no_load_s = state.no_load_s + dt if rest > _NO_LOAD else 0.0
     # Without the doubt by the swing, in which everything is a load.

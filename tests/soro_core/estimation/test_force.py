@@ -12,7 +12,7 @@ from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.reference.trajectory import Hold
 from soro_core.estimation import Estimator, EstimatorConfig
-from soro_core.estimation.force.average import NoisyForce, averaged, covariance_of
+from soro_core.estimation.force.average import NoisyForce, averaged, axes_of, covariance_of
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.observer import ForceObserver, Noise
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -184,15 +184,16 @@ def test_a_force_that_begins_does_not_become_usual():
 
 def test_noise_along_the_chord_does_not_reach_what_is_across_it():
     density = 1e-2 * (2e-3**2 * np.eye(3) + 0.2**2 * np.outer(CHORD, CHORD))
+    axes = axes_of(density)
     rng, root, found, average = np.random.default_rng(1), np.linalg.cholesky(density / DT), [], None
     for k in range(400):
         true = np.array([0.1 if k >= 200 else 0.0, 0.0, 0.0])
-        average = averaged(average, NoisyForce(true + root @ rng.standard_normal(3), density, 0.0), 8.0, DT)
+        average = averaged(average, NoisyForce(true + root @ rng.standard_normal(3), axes, 0.0), 8.0, DT)
         found.append(average.force_n - true)
     tip = np.array([0.95, 0.0, 0.3])  # across the tip, not across the chord
     assert np.abs(np.array(found[100:200]) @ tip).max() < 2e-3
     assert np.abs(np.array(found[205:]) @ tip).max() < 12e-3
-    kept = covariance_of(average, density)
+    kept = covariance_of(average, axes.weak)
     assert np.sqrt(CHORD @ kept @ CHORD) > 5.0 * np.sqrt(kept[1, 1])
 
 

@@ -68,7 +68,7 @@ class DampingModel:
         far : ndarray (size,)
             What has been found [s], absolute.
         """
-        found = float(np.max(far**2, initial=0.0))
+        found = float((far**2).max(initial=0.0))
         own = 1.0 / (std**2 + (1.0 - _SHARED) * found)
         common = _SHARED * found / (1.0 + _SHARED * found * own.sum())
         precision = np.multiply.outer(-common * own, own)

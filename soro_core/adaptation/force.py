@@ -61,6 +61,8 @@ class LearnedForce:
             Coordinates, rates, and Y_m, see `SoftArm.tip_mass_force`.
         """
         n = self.arm.n_q
-        shape = learned.weights(n) @ np.concatenate([[1.0], q / self.scales.q])
+        phi = np.ones(n + 1)
+        np.divide(q, self.scales.q, out=phi[1:])
+        shape = learned.weights(n) @ phi
         losses = self.damping.force(learned.damping_s(n), qd)
         return np.asarray(by_mass * learned.mass_kg + self.scales.force * shape + losses)

@@ -239,7 +239,7 @@ class Learner:
         theta = known - start
         room = self._room(start, state.slopes.adopted)
         least, most = (bound[self._lasting] for bound in room)
-        rule: RuleFields = self._rule._replace(prior=prior, least=least, most=most)[:]
+        rule: RuleFields = (*self._rule[:5], prior, *self._rule[6:9], least, most)
         sides = residual - regressor @ start, regressor
         after = np.empty_like(information), np.empty_like(moment)
         is_determined = gain(rule, dt, covariance, sides, (information, moment, *after), theta)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core.arrays import Array
+from soro_core.arrays import Array, all_finite
 from soro_core.frozen import replaced
 
 # A chamber with this pressure deficit [Pa] for this time [s] is named.
@@ -88,7 +88,7 @@ def update_monitor(
     # An arm that swings on the ground comes near its reference again and again.
     away_s = state.away_s + dt if upright and away > FALLEN_PART else max(state.away_s - 0.5 * dt, 0.0)
     short = np.abs(missing_pa) > DEFICIT_PA
-    deficit_s = state.deficit_s + dt if short.any() else 0.0
+    deficit_s = state.deficit_s + dt if any(short.tolist()) else 0.0
     saturated = ""
     if deficit_s > DEFICIT_S:
         parts = [_deficit(name, missing) for name, missing in zip(names, missing_pa, strict=True) if missing]
@@ -125,7 +125,7 @@ def input_error(q: Array, qd: Array, t: float, dt: float, n: int) -> str:
     """
     if np.shape(q) != (n,) or np.shape(qd) != (n,):
         return f"state of shape {np.shape(q)}, {np.shape(qd)} instead of ({n},)"
-    if not (np.isfinite(q).all() and np.isfinite(qd).all()):
+    if not (all_finite(q) and all_finite(qd)):
         return "state is not finite"
     if not (math.isfinite(t) and math.isfinite(dt) and dt > 0.0):
         return f"time {t} s with step {dt} s"

@@ -10,7 +10,7 @@ from functools import partial
 import numpy as np
 
 from soro_core.adaptation.regulators import RegulatorObserver
-from soro_core.arrays import Array
+from soro_core.arrays import Array, all_finite
 from soro_core.control.bumpless import apply_transfer
 from soro_core.control.command import Command, ControllerState, ControllerStatus, held_command
 from soro_core.control.config import ControllerConfig, require_chambers
@@ -222,7 +222,7 @@ class Controller(GivenReferences):
         certainty: Certainty | None,
     ) -> tuple[ControllerState, Command]:
         measured = np.asarray(measured_pressure_pa, dtype=np.float64)
-        if measured.shape != (self.arm.n_u,) or not np.isfinite(measured).all():
+        if measured.shape != (self.arm.n_u,) or not all_finite(measured):
             measured = state.model_pa
             state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
         start_s, before = self.config.reference.start_s, state.following
@@ -277,7 +277,7 @@ class Controller(GivenReferences):
         made = self.setpoints.make(wish, state.model_pa, state.setpoint_pa, bias, dt)
         if not made.ok:
             return self._held(state, f"no finite pressures for the force that law {self.config.law} asks for")
-        saturated, acting = bool(wish.saturated.any()), self.arm.acting_pressure(measured)
+        saturated, acting = any(wish.saturated.tolist()), self.arm.acting_pressure(measured)
         inner = self.law.allocated(inner, Made(desired, wish.force, actuation, acting, saturated), dt)
         missing = self.setpoints.missing_pa(believed, desired, wish) if saturated else self._nothing
         asked = AskedForce(terms, believed @ bias, missing)

@@ -221,6 +221,8 @@ def _supply(m: Monitors, _: RegulatorModel, s: MonitorState, now: MonitorSample)
 
 def _since(since_ns: Integers, holds: Flags, judged: Flags, now_ns: int) -> Integers:
     """Return the time since which a condition holds; unchanged where it is not judged now."""
+    if not _any(holds) and _none_since(since_ns):  # as nearly always
+        return since_ns
     held = np.where(since_ns == NEVER, now_ns, since_ns)
     return np.where(judged, np.where(holds, held, NEVER), since_ns)
 

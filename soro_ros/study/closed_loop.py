@@ -7,7 +7,6 @@ platform the response of its regulators is computed, not its devices and their b
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
@@ -19,6 +18,7 @@ from soro_core.control.probing.stamps import StampedPosition
 from soro_core.control.reference_feasibility import check_reach
 from soro_core.errors import ConfigError, SoroError
 from soro_core.estimation import Estimate, ImuSample, PoseSample
+from soro_core.frozen import replaced
 from soro_core.loop import certainty_of
 from soro_core.robot import Robot
 from soro_core.safety import Limiter
@@ -133,7 +133,7 @@ def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
 
 def _stamped(samples: Sequence[Sample]) -> list[Sample]:
     """Return samples with the time of their messages, whole nanoseconds."""
-    return [replace(one, stamp_s=1e-9 * round(1e9 * one.stamp_s)) for one in samples]
+    return [replaced(one, stamp_s=1e-9 * round(1e9 * one.stamp_s)) for one in samples]
 
 
 def run_in_process(scene: Scene, plant: Robot | None = None) -> tuple[RunRecording, End]:

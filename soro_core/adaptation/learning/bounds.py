@@ -28,7 +28,7 @@ def bounded_minimum(information: Array, moment: Array, free: Array, lower: Array
     theta, is_free = free, np.ones(free.size, dtype=bool)
     for _ in range(_MOST_HELD):
         within = np.minimum(np.maximum(theta, lower), upper)
-        if (within == theta).all():
+        if within.tolist() == theta.tolist():
             return theta
         # Values of several units are compared in what each alone would cost.
         worst = int(np.argmax(np.abs(theta - within) * np.sqrt(np.diag(information))))

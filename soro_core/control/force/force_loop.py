@@ -107,7 +107,7 @@ class ForceLoop:
             still = np.zeros_like(point.q)
             return replaced(state, gap_s=state.gap_s + dt, rate=np.zeros(3), shift_rate=still)
         state = replaced(state, felt=felt, gap_s=0.0)
-        moves = state.press or self.config.cap_n or state.moved.any() or state.wanted_n
+        moves = state.press or self.config.cap_n or any(state.moved.tolist()) or state.wanted_n
         if not moves and not isinstance(following.wanted, Press):
             return state if state.tip is None else replaced(state, tip=None)
         state = asked(state, following.wanted, following.given, dt)
@@ -131,7 +131,7 @@ class ForceLoop:
         time_s : float
             Time after now [s].
         """
-        if not state.shift.any():
+        if not any(state.shift.tolist()):
             return point
         shift = state.shift + time_s * state.shift_rate
         return Point(point.q + shift, point.qd + state.shift_rate, point.qdd)
@@ -156,7 +156,7 @@ class ForceLoop:
     def push(self, state: ForceLoopState, q: Array) -> Array:
         """Return the generalised force (n_q,) of the push at coordinates (n_q,)."""
         if not state.wanted_n:
-            return np.zeros_like(q)
+            return np.zeros(q.shape)
         _, _, slope = self._tip(q, q)
         return np.asarray(slope.T @ state.push_n)
 

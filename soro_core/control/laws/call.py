@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from soro_core.arrays import Array
+from soro_core.arrays import Array, all_finite
 from soro_core.control.laws.guard import LawError
 from soro_core.control.laws.protocol import ArmBelief, Law, Preview, Terms
 from soro_core.errors import SoroError
@@ -45,7 +45,7 @@ def call_law(
         raise LawError(name, f"{type(error).__name__}: {error}") from error
     if desired.shape != belief.q.shape:
         raise LawError(name, f"its force has the shape {desired.shape}; allowed is {belief.q.shape}")
-    if not np.isfinite(desired).all():
+    if not all_finite(desired):
         raise LawError(name, "its force is not finite")
     if law.is_from_outside:
         terms = _checked_terms(name, terms, belief.q.shape)

@@ -198,7 +198,7 @@ class Composite(Law[CompositeState]):
         if unmodelled is not None:
             found = unmodelled.added_to(found, scales)
         own = learner.learned
-        if belief is not None and learner.chambers.any():
+        if belief is not None and any(learner.chambers.tolist()):
             acting = self.setting.arm.acting_pressure(belief.pressure_pa)
             force, by_q = self.learner.chambers.force(learner.chambers, belief.q, acting)
             found, own = (one.with_force(belief.q, force, by_q, scales) for one in (found, own))

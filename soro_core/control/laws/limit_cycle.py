@@ -193,7 +193,7 @@ class LimitCycleWatch:
             jumped_s=t_s if has_jumped else state.jumped_s,
         )
         shortest_s = max(self.acts_after_s, _LEAST_TICKS * dt)
-        return _turned(after, turned, signal, feedback, shortest_s) if turned.any() else after
+        return _turned(after, turned, signal, feedback, shortest_s) if any(turned.tolist()) else after
 
 
 def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from soro_core.arrays import Array
+from soro_core.arrays import Array, all_finite
 from soro_core.control.pressures.actuation import CompletePressures, pressure_bounds
 from soro_core.control.pressures.allocation import Allocation, allocate, balanced_weight
 from soro_core.control.pressures.effective_pressure import check_dead_bands, effective_pressure_of
@@ -164,5 +164,5 @@ class SetpointMaker:
         )
         at_bound = (command <= self._low) | (command >= self._high)
         predicted = follow_lag(model_pa, command + bias_pa, dt, pressures.lag_s)
-        ok = wish.ok and bool(np.isfinite(command).all())
+        ok = wish.ok and all_finite(command)
         return Setpoints(wish, command, predicted, wish.saturated | at_bound, ok)

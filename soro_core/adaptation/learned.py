@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from soro_core.adaptation.scales import Scales
 from soro_core.arrays import Array, all_finite
 

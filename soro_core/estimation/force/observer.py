@@ -16,7 +16,15 @@ from soro_core.adaptation.force import LearnedForce
 from soro_core.adaptation.learned import Learned
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
-from soro_core.estimation.force.average import ALONG_LOAD, Average, Axes, NoisyForce, averaged, axes_of, covariance_of
+from soro_core.estimation.force.average import (
+    ALONG_LOAD,
+    Average,
+    Axes,
+    NoisyForce,
+    averaged,
+    axes_of,
+    covariance_of,
+)
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage

@@ -96,12 +96,8 @@ class ChamberModel:
         links = dict.fromkeys(name.partition("/")[0] for name in chambers)
         return (*(f"{name}/gain" for name in chambers), *(f"{link}/area_slope" for link in links))
 
-    def factor(self, values: Array, q: Array) -> Array:
-        """Return e (n_u,) at coordinates q (n_q,)."""
-        return self._factor(values, self.fibre @ q)
-
-    def _factor(self, values: Array, strain: Array) -> Array:
-        """Return e (..., n_u) at strains delta (..., n_u)."""
+    def factor(self, values: Array, strain: Array) -> Array:
+        """Return e (..., n_u) at strains delta = `fibre` q (..., n_u) of the chambers' fibres."""
         found = (1.0 + values[: self.link.size]) * self._growth(values, strain)
         return np.asarray(np.minimum(np.maximum(found, _LEAST), _MOST))
 
@@ -137,7 +133,7 @@ class ChamberModel:
         """
         places = [q, *(q + self._steps)]
         strains = np.array([self.fibre @ place for place in places])
-        acts_pa = (1.0 - self._factor(values, strains)) * acting_pa
+        acts_pa = (1.0 - self.factor(values, strains)) * acting_pa
         here, *moved = (self.arm.actuation_matrix(x) @ p for x, p in zip(places, acts_pa, strict=True))
         by_q = np.empty((q.size, q.size))
         for k, there in enumerate(moved):

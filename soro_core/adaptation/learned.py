@@ -5,8 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from soro_core.adaptation.scales import Scales
-from soro_core.arrays import Array, all_finite
+from soro_core.arrays import Array
 
 
 def first_damping(n_q: int) -> int:
@@ -52,7 +54,7 @@ class Learned:
         theta, own, doubt = self.theta, self.own, self.doubt
         if theta.shape != (size,) or (own is not None and own.shape != (size,)):
             return False
-        if not all(part is None or all_finite(part) for part in (own, doubt)):
+        if not all(part is None or np.isfinite(part).all() for part in (own, doubt)):
             return False
         # The sum of squares says yes at once; it is infinite too where finite values are very large.
         return math.isfinite(theta @ theta) or all(map(math.isfinite, theta.tolist()))

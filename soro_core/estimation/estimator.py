@@ -31,7 +31,6 @@ from soro_core.estimation.state import EstimatorState
 from soro_core.estimation.status import Estimate, EstimatorStatus
 from soro_core.estimation.tick_state import TickState
 from soro_core.estimation.unmeasured_subspace import unmeasured_covariance
-from soro_core.frozen import replaced
 from soro_core.model.checks import number, require, shaped
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation, Robot, refuse_tendons
@@ -199,7 +198,7 @@ class Estimator:
             tick.count("learned")
         if learned is not None:
             # In the form that kernels take.
-            learned = replaced(learned, theta=np.array(learned.theta, dtype=np.float64))
+            learned = Learned(np.array(learned.theta, dtype=np.float64), learned.own, learned.doubt)
         tick.known = update_learned_input(
             tick.known, learned, tick.dt, placed, self.filter.mean_strain is not None
         )

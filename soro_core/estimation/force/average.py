@@ -55,7 +55,7 @@ class NoisyForce(NamedTuple):
     """
 
     force_n: Array
-    density: Array
+    density: Axes
     inertia: float
 
 

@@ -96,8 +96,9 @@ class ChamberModel:
         links = dict.fromkeys(name.partition("/")[0] for name in chambers)
         return (*(f"{name}/gain" for name in chambers), *(f"{link}/area_slope" for link in links))
 
-    def factor(self, values: Array, strain: Array) -> Array:
-        """Return e (..., n_u) at strains delta = `fibre` q (..., n_u) of the chambers' fibres."""
+    def factor(self, values: Array, q: Array) -> Array:
+        """Return e (n_u,) at coordinates q (n_q,), or e (n, n_u) at several (n, n_q)."""
+        strain = self.fibre @ q if q.ndim == 1 else np.array([self.fibre @ one for one in q])
         found = (1.0 + values[: self.link.size]) * self._growth(values, strain)
         return np.asarray(np.minimum(np.maximum(found, _LEAST), _MOST))
 
@@ -131,9 +132,8 @@ class ChamberModel:
         acting_pa : ndarray (n_u,)
             Effective pressures p [Pa].
         """
-        places = [q, *(q + self._steps)]
-        strains = np.array([self.fibre @ place for place in places])
-        acts_pa = (1.0 - self.factor(values, strains)) * acting_pa
+        places = np.array([q, *(q + self._steps)])
+        acts_pa = (1.0 - self.factor(values, places)) * acting_pa
         here, *moved = (self.arm.actuation_matrix(x) @ p for x, p in zip(places, acts_pa, strict=True))
         by_q = np.empty((q.size, q.size))
         for k, there in enumerate(moved):

@@ -153,8 +153,7 @@ class Composite(Law[CompositeState]):
 
     def actuation(self, state: CompositeState, actuation: Array, q: Array) -> Array:
         """Return H with the learned gains of the chambers; parameters as in `Law.actuation`."""
-        chambers = self.learner.chambers
-        return np.asarray(actuation * chambers.factor(state.learner.chambers, chambers.fibre @ q))
+        return np.asarray(actuation * self.learner.chambers.factor(state.learner.chambers, q))
 
     def with_gains(self, state: CompositeState, gain: Array, deviation: Array) -> CompositeState:
         """Return the state with a learner that starts from these gains; parameters as in `Law.with_gains`."""

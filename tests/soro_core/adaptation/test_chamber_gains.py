@@ -82,7 +82,7 @@ def test_the_force_of_the_chambers_is_what_the_file_makes_too_much():
     near_values = values + np.array([0.01, -0.01, 0.02, -0.1])
     of_near, _ = learner.chambers.force(near_values, q, pressure)
     np.testing.assert_allclose(beyond + change @ near_values, of_near, rtol=1e-2)
-    e = learner.chambers.factor(values, learner.chambers.fibre @ q)
+    e = learner.chambers.factor(values, q)
     np.testing.assert_allclose(force, arm.actuation_matrix(q) @ ((1.0 - e) * pressure), rtol=1e-9)
     moved = q + np.array([1e-3, 0.05, -0.05])
     there, _ = learner.chambers.force(values, moved, pressure)

@@ -29,7 +29,14 @@ _FAMILY = ("soro_hardware.emulation.canopen.world", "soro_hardware.canopen.drive
 # What a server imports, by the package of the programs that it forks.
 _IMPORTS = {
     "soro_hardware": ("soro_hardware.emulation.__main__", *_FAMILY),
-    "soro_ros": (*fork_server.MODULES, *_FAMILY, "soro_ros.cli", "soro_ros.commands.run", "soro_ros.run.compose", "scipy.interpolate"),
+    "soro_ros": (
+        *fork_server.MODULES,
+        *_FAMILY,
+        "soro_ros.cli",
+        "soro_ros.commands.run",
+        "soro_ros.run.compose",
+        "scipy.interpolate",
+    ),
 }
 # Time for which an arm stays empty until its recording ends [s]: two seconds of ticks are a third of the work
 # of a short run. What starts a Python of its own waits as long as it does for a user.

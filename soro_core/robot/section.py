@@ -223,6 +223,7 @@ def _exponential(matrix: Array) -> Array:
     powers[2] = powers[1] @ powers[1]
     powers[3] = powers[2] @ powers[1]
     fourth = powers[2] @ powers[2]
+    result: Array
     result, *lower = (_SERIES @ powers.reshape(4, -1)).reshape(powers.shape)
     for part in lower:  # Horner's rule in the fourth power
         result = result @ fourth + part

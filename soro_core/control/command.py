@@ -17,6 +17,7 @@ from soro_core.control.control_monitor import ControlMonitorState
 from soro_core.control.force.force_state import ForceLoopState
 from soro_core.control.laws.limit_cycle import LimitCycleState
 from soro_core.control.laws.protocol import Terms
+from soro_core.control.motions.learned_elongation import LearnedElongation
 from soro_core.control.probing.procedure import ProbeState
 from soro_core.control.reference.active_reference import ActiveReference
 from soro_core.control.reference.trajectory import Hold, Point
@@ -60,6 +61,8 @@ class ControllerState:
         The probe before the law begins; None where there is none, or it is over. One that has refused stays.
     probed : str
         What the probe has found.
+    elongation : LearnedElongation
+        Of a circle, chosen by what is learned.
     """
 
     law: Any
@@ -78,6 +81,7 @@ class ControllerState:
     point: Point | None = None
     probe: ProbeState | None = None
     probed: str = ""
+    elongation: LearnedElongation = field(default_factory=LearnedElongation)
 
 
 @dataclass(frozen=True)

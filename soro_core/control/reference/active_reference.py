@@ -101,6 +101,17 @@ def follow(
     return replaced(state, given=reference, transition=advance(bounds, transition, t, dt))
 
 
+def with_configured(
+    bounds: Bounds, start_s: float, configured: Reference, state: ActiveReference, t: float
+) -> ActiveReference:
+    """Return the state on its way to another configured reference, as it is, from time `t` [s] of the last tick.
+
+    Parameters as in `follow`.
+    """
+    transition = redirect(bounds, state.transition, configured, t, start_s)
+    return replaced(state, configured=configured, wanted=configured, changed_s=t, transition=transition)
+
+
 def reference_ahead(bounds: Bounds, state: ActiveReference, time_s: float) -> Point:
     """Return the reference `time_s` after the last tick, if no other is given meanwhile.
 

@@ -33,8 +33,6 @@ class ControlMonitorState:
         Whether the arm has fallen over; it stays so until the controller starts anew.
     saturated : str
         Chambers with a pressure deficit.
-    enough_s : float
-        Time since a chamber was last named so [s].
     event_text, event_s : str, float
         Last event of the law, and the time since then [s].
     refused : int
@@ -46,7 +44,6 @@ class ControlMonitorState:
     deficit_s: float = 0.0
     fallen: bool = False
     saturated: str = ""
-    enough_s: float = math.inf
     event_text: str = ""
     event_s: float = 0.0
     refused: int = 0
@@ -105,7 +102,6 @@ def update_monitor(
         deficit_s=deficit_s,
         fallen=state.fallen or away_s > FALLEN_S,
         saturated=saturated,
-        enough_s=0.0 if saturated else state.enough_s + dt,
         event_text=event_text if event_s < _SHOWN_S else "",
         event_s=event_s,
     )

@@ -23,7 +23,6 @@ from soro_core.control.laws.guard import refused
 from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, lowered, no_limit_cycle
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
-from soro_core.control.motions.learned_elongation import LearnedElongation, with_learned_elongation
 from soro_core.control.motions.motion import Planner
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
@@ -38,14 +37,8 @@ from soro_core.control.pressures.setpoints import SetpointMaker
 from soro_core.control.probing.plan import ProbedArm
 from soro_core.control.probing.procedure import Probe, ProbeSample, ProbeState
 from soro_core.control.probing.stamps import StampedPosition
-from soro_core.control.reference.active_reference import (
-    STREAM_S,
-    ActiveReference,
-    follow,
-    reference_ahead,
-    with_configured,
-)
-from soro_core.control.reference.trajectory import Circle, Point, Reference
+from soro_core.control.reference.active_reference import follow, reference_ahead
+from soro_core.control.reference.trajectory import Point, Reference
 from soro_core.control.reference.underactuation import UnderactuatedReference, UnderactuatedState
 from soro_core.control.trial import refuse_lost_arm
 from soro_core.errors import ConfigError, SoroError
@@ -241,10 +234,8 @@ class Controller(GivenReferences):
             except ConfigError as error:  # the arm stays on its reference
                 state = replace(state, force=replace(state.force, refusal=str(error)))
         elongation = state.elongation
-        if state.watch.enough_s < math.inf:
-            elongation = replaced(elongation, since_s=elongation.since_s + dt)
-            if reference is None and before is not None:
-                elongation, before = self._rechosen(replaced(state, elongation=elongation), before, t - dt)
+        if state.watch.saturated or elongation is not None:
+            elongation, before = self.rechosen_circle(state, reference, t, dt)
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
@@ -314,7 +305,8 @@ class Controller(GivenReferences):
             force=force,
             elongation=elongation,
         )
-        told = after.watch.note, limit_cycle.note, self.force_loop.note(force), elongation.note, state.probed
+        changed = "" if elongation is None else elongation.note(following)
+        told = after.watch.note, limit_cycle.note, self.force_loop.note(force), changed, state.probed
         notes = filter(None, told)
         return after, Command(
             setpoint_pa=made.command_pa,
@@ -328,27 +320,8 @@ class Controller(GivenReferences):
             saturated=made.at_bound,
             terms=terms,
             status=ControllerStatus(True, "", "; ".join(notes)),
+            configured_tip=self.configured_tip(after, tip_reference, t),
         )
-
-    def _rechosen(
-        self, state: ControllerState, following: ActiveReference, t: float
-    ) -> tuple[LearnedElongation, ActiveReference]:
-        """Return the choice of the circle's elongation by what is learned, once a chamber was at its limit."""
-        elongation, settings, watch = state.elongation, self.config.reference, state.watch
-        again_s = max(settings.start_s, settings.period_s, STREAM_S)
-        is_lacking = watch.enough_s < again_s and watch.run_s > settings.start_s
-        if elongation.since_s < again_s or not (is_lacking or elongation.note) or following.given is not None:
-            return elongation, following
-        differs, now = bool(self.law.differing(state.law)), following.configured
-        if not (settings.choose_elongation and (differs or elongation.note)):
-            return elongation, following
-        if not (isinstance(now, Circle) and isinstance(self.configured, Circle)):
-            return elongation, following
-        supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
-        elongation, circle = with_learned_elongation(supply, settings, self.configured, now, differs)
-        if circle is now:
-            return elongation, following
-        return elongation, with_configured(self.bounds, settings.start_s, circle, following, t)
 
     def _probed(self, probe: ProbeState, state: ControllerState) -> tuple[ControllerState, Command]:
         """Return what follows from a tick of the probe; one that has refused vents for good."""

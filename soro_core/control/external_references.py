@@ -14,15 +14,16 @@ from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.force.press import Press
 from soro_core.control.force.press_checks import LARGEST_N, check_cap, check_force
 from soro_core.control.laws.protocol import Law
+from soro_core.control.motions.learned_elongation import ElongationChoice
 from soro_core.control.motions.lookout import Lookout, keep_clear
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import key_of, tip_reference, trajectory_reference
 from soro_core.control.motions.resting_shape import resting_shape
 from soro_core.control.nonuniform_strain import NonuniformStrain
 from soro_core.control.pressures.setpoints import SetpointMaker
-from soro_core.control.reference.active_reference import reference_ahead
+from soro_core.control.reference.active_reference import ActiveReference, redirected, reference_ahead
 from soro_core.control.reference.reference_transition import Bounds
-from soro_core.control.reference.trajectory import Hold, Reference
+from soro_core.control.reference.trajectory import Circle, Hold, Reference
 from soro_core.control.reference.underactuation import UnderactuatedReference
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
@@ -162,6 +163,63 @@ class GivenReferences:
         if force.press is not None:  # goes on, also without an estimate: the tip stops there
             return force.press
         return None if force.felt is None or force.refusal else self.press(state, settings.press_n)
+
+    def rechosen_circle(
+        self, state: ControllerState, given: Reference | None, t: float, dt: float
+    ) -> tuple[ElongationChoice, ActiveReference | None]:
+        """Return the choice of the circle's elongation by what is learned, and the reference after it.
+
+        Parameters
+        ----------
+        state : ControllerState
+            After the last tick.
+        given : Reference or None
+            The reference of this tick, where one is given: it goes first.
+        t, dt : float
+            Time, and time since the last tick [s].
+        """
+        settings, following = self.config.reference, state.following
+        choice = (state.elongation or ElongationChoice()).later(dt, bool(state.watch.saturated))
+        if following is None or given is not following.given or self.obstacles is not None:
+            return choice, following
+        own, now = self.configured, following.wanted
+        if not (isinstance(own, Circle) and isinstance(now, Circle)):
+            return choice, following
+        if state.watch.run_s <= settings.start_s or not choice.is_due(
+            max(settings.start_s, settings.period_s)
+        ):
+            return choice, following
+        may = settings.choose_elongation and settings.learned_elongation
+        differs = self.law.differing(state.law) if may else ""
+        supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
+        choice, circle = choice.renewed(supply, settings, own, now, differs)
+        if circle is not now:
+            following = redirected(self.bounds, settings.start_s, circle, following, t - dt)
+        return choice, following
+
+    def configured_tip(self, state: ControllerState, tip: Array, t: float) -> Array | None:
+        """Return the pose (4, 4) of the tip on the configured circle at time `t` [s].
+
+        Parameters
+        ----------
+        state : ControllerState
+            After this tick.
+        tip : ndarray (4, 4)
+            Pose at the reference in force: the answer where that circle, or no circle, is in force.
+        t : float
+            Time [s].
+
+        Returns
+        -------
+        ndarray (4, 4) or None
+            None where no other elongation has been chosen yet.
+        """
+        choice, own = state.elongation, self.configured
+        if choice is None or choice.circle is None or own is None or state.following is None:
+            return None
+        if not choice.is_followed(state.following):
+            return tip
+        return self.arm.pose(own.started_at(choice.circle.start_s).sample(t).q, self.arm.length)
 
     def press(self, state: ControllerState, force_n: Array | Sequence[float]) -> Reference:
         """Return a reference that presses with a force; of 0 one that releases, and returns.

@@ -1,8 +1,8 @@
 """The elongation that a circle's mean pressure chooses, with what the law has learned.
 
-A scene that states curvature and mean pressure leaves the elongation to the model. Beside a weak chamber that
-of the file chooses one for which the true arm needs more than this mean pressure, and a chamber comes to its
-limit. With the learned forces and gains the same keys give the elongation that a right file would have given.
+A scene that states curvature and mean pressure leaves the elongation to the model. Beside a weak chamber the
+file's model chooses one for which the true arm needs a higher mean pressure, and a chamber is at its limit.
+With the learned forces and gains the same keys give the elongation that a right file would have given.
 """
 
 from __future__ import annotations
@@ -16,89 +16,129 @@ from soro_core.arrays import Array
 from soro_core.control.config import ReferenceConfig
 from soro_core.control.motions.kinematics import mean_holding_pressure
 from soro_core.control.motions.pressure_feasibility import PressureSupply
+from soro_core.control.reference.active_reference import ActiveReference
 from soro_core.control.reference.trajectory import Circle
 from soro_core.errors import SoroError
+from soro_core.frozen import replaced
 
 # Least change of the elongation for which a circle moves.
 _CHANGE = 2e-3
-# First step of the search, most steps, its tolerance, and the shortest elongation.
-_STEP, _STEPS, _TOLERANCE, _SHORTEST = 0.01, 8, 1e-4, -0.3
+# First step of the search, most tries, and how near the mean pressure comes to the stated one [Pa].
+_STEP, _TRIES, _NEAR_PA = 0.01, 8, 100.0
 
 
 @dataclass(frozen=True)
-class LearnedElongation:
+class ElongationChoice:
     """State of the choice.
 
     Attributes
     ----------
-    since_s : float
-        Time since the last choice [s].
-    note : str
-        What the user must know; empty where the circle is that of the file.
+    circle : Circle or None
+        What was chosen last in place of the configured circle; it may not be in force any more.
+    said : str
+        What the user must know of it.
+    enough_s, chosen_s : float
+        Time since a chamber has lacked pressure, and since the last choice [s].
+    tried : tuple of tuple of float
+        Elongations of the search under way, and how far their mean pressures are too high [Pa].
     """
 
-    since_s: float = math.inf
-    note: str = ""
+    circle: Circle | None = None
+    said: str = ""
+    enough_s: float = math.inf
+    chosen_s: float = math.inf
+    tried: tuple[tuple[float, float], ...] = ()
+
+    def later(self, dt: float, lacks: bool) -> ElongationChoice:
+        """Return the state after `dt` [s], in which a chamber has lacked pressure or not."""
+        enough_s = 0.0 if lacks else self.enough_s + dt
+        return replaced(self, enough_s=enough_s, chosen_s=self.chosen_s + dt)
+
+    def is_due(self, every_s: float) -> bool:
+        """Whether to choose, at most every so many seconds [s]: the circle moves between two choices."""
+        return self.chosen_s >= every_s and (self.enough_s < every_s or self.circle is not None)
+
+    def is_followed(self, following: ActiveReference) -> bool:
+        """Whether the chosen circle is in force, and no reference that came later."""
+        return self.circle is not None and following.wanted is self.circle
+
+    def note(self, following: ActiveReference) -> str:
+        """Return what the user must know while the chosen circle is in force, or an empty string."""
+        return self.said if self.is_followed(following) else ""
+
+    def renewed(
+        self, supply: PressureSupply, settings: ReferenceConfig, own: Circle, now: Circle, differs: str
+    ) -> tuple[ElongationChoice, Circle]:
+        """Return the choice and its circle: `now` itself where it stays.
+
+        A tick tries one elongation: a whole search would take longer than fast loops have.
+
+        Parameters
+        ----------
+        supply : PressureSupply
+            Holds what is learned.
+        settings : ReferenceConfig
+        own : Circle
+            The configured circle, which the file's model has chosen.
+        now : Circle
+            That in force.
+        differs : str
+            Chambers that differ from the file; where none does, the circle is the configured one.
+        """
+        stretch = supply.fields.of("elongation") * supply.fields.uniform
+        longest, before = (float(one.centre @ stretch / (stretch @ stretch)) for one in (own, now))
+        found, tried = longest, self.tried
+        if not differs and longest == before:
+            return replaced(self, tried=()), now
+        if differs:
+            found, at = before, _next(tried, longest)
+            if len(tried) < _TRIES and -settings.stretch_limit <= at <= longest:
+                try:
+                    more_pa = _excess_pa(supply, settings, own, at * stretch)
+                except (SoroError, np.linalg.LinAlgError):  # the model has no value there: the circle stays
+                    return replaced(self, chosen_s=0.0, tried=()), now
+                if more_pa > _NEAR_PA or (tried and more_pa < -_NEAR_PA):
+                    return replaced(self, tried=(*tried, (at, more_pa))), now
+                found = at
+        after = replaced(self, chosen_s=0.0, tried=())
+        if differs and abs(found - before) <= _CHANGE:
+            return after, now
+        circle = replace(now, centre=own.centre + (found - longest) * stretch)
+        said = "" if found == longest else _said(supply, settings, own, circle, (longest, found))
+        return replaced(after, circle=circle, said=said), circle
 
 
-def with_learned_elongation(
-    supply: PressureSupply, settings: ReferenceConfig, of_file: Circle, now: Circle, differs: bool
-) -> tuple[LearnedElongation, Circle]:
-    """Return the choice and its circle: `now` itself where it stays.
-
-    Parameters
-    ----------
-    supply : PressureSupply
-        Holds what is learned.
-    settings : ReferenceConfig
-    of_file : Circle
-        What the file's model has chosen.
-    now : Circle
-        That in force.
-    differs : bool
-        Whether a chamber differs from its file; without one the circle is that of the file.
-    """
-    stretch = supply.fields.of("elongation") * supply.fields.uniform
-    longest, before = (float(one.centre @ stretch / (stretch @ stretch)) for one in (of_file, now))
-    found = longest
-    if differs:
-        try:
-            found = _elongation(supply, settings, of_file, stretch, longest)
-        except (SoroError, np.linalg.LinAlgError):  # the model has no value there: the circle stays
-            found = before
-    if abs(found - before) <= _CHANGE and (differs or found == before):
-        found = before
-    note = ""
-    if found < longest:
-        mean = f"{1e-3 * settings.mean_pressure_pa:.0f} kPa on average"
-        note = f"elongation {found:.3f} in place of {longest:.3f}: with what is learned it needs {mean}"
-    return LearnedElongation(0.0, note), now if found == before else replace(now, centre=found * stretch)
+def _next(tried: tuple[tuple[float, float], ...], longest: float) -> float:
+    """Return the next elongation to try, by the secant; NaN where shorter needs more: no way to go."""
+    if len(tried) < 2:
+        return longest - len(tried) * _STEP
+    (one, of_one), (two, of_two) = tried[-2:]
+    slope = (of_one - of_two) / (one - two)
+    return two - of_two / slope if slope > 0.0 else math.nan
 
 
-def _elongation(
-    supply: PressureSupply, settings: ReferenceConfig, circle: Circle, stretch: Array, longest: float
-) -> float:
-    """Return the elongation, at most `longest`, whose mean pressure is that of the settings by the secant."""
-    low, high, zero = supply.setpoints.minimum_pa, supply.setpoints.maximum_pa, np.zeros_like(stretch)
+def _excess_pa(supply: PressureSupply, settings: ReferenceConfig, own: Circle, centre: Array) -> float:
+    """Return how far the mean pressure [Pa] of a circle about a centre (n_q,) is above the stated one."""
+    q, zero = own.curvature_per_m * own.across + centre, np.zeros_like(centre)
+    low, high = supply.setpoints.minimum_pa, supply.setpoints.maximum_pa
+    load, actuation = supply.force(q, zero, zero), supply.actuation(q)
+    mean_pa = mean_holding_pressure(supply.arm, supply.fields, load, actuation, low, high)
+    return mean_pa - settings.mean_pressure_pa
 
-    def excess_pa(elongation: float) -> float:
-        q = circle.curvature_per_m * circle.across + elongation * stretch
-        load, actuation = supply.force(q, zero, zero), supply.actuation(q)
-        mean_pa = mean_holding_pressure(supply.arm, supply.fields, load, actuation, low, high)
-        return mean_pa - settings.mean_pressure_pa
 
-    one, two = longest, longest - _STEP
-    of_one, of_two = excess_pa(one), excess_pa(two)
-    if of_one <= 0.0:
-        return longest
-    for _ in range(_STEPS):
-        slope = (of_one - of_two) / (one - two)
-        if not slope > 0.0:  # shorter needs more: no way to go
-            return longest
-        one, of_one, two = two, of_two, two - of_two / slope
-        if not _SHORTEST <= two <= longest:
-            return longest
-        if abs(two - one) < _TOLERANCE:
-            return two
-        of_two = excess_pa(two)
-    return longest
+def _said(
+    supply: PressureSupply,
+    settings: ReferenceConfig,
+    own: Circle,
+    circle: Circle,
+    elongations: tuple[float, float],
+) -> str:
+    """Return that the circle has changed, and by how much; elongations before and after."""
+    before, after = elongations
+    bent = circle.curvature_per_m * circle.across
+    tips = [supply.arm.pose(one.centre + bent, supply.arm.length)[:3, 3] for one in (own, circle)]
+    return (
+        f"the circle has the elongation {after:.3f} in place of {before:.3f}, the tip "
+        f"{1e3 * math.dist(*tips):.1f} mm away: with what is learned it takes "
+        f"{1e-3 * settings.mean_pressure_pa:g} kPa on average, as stated"
+    )

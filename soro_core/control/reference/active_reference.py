@@ -101,15 +101,31 @@ def follow(
     return replaced(state, given=reference, transition=advance(bounds, transition, t, dt))
 
 
-def with_configured(
-    bounds: Bounds, start_s: float, configured: Reference, state: ActiveReference, t: float
+def redirected(
+    bounds: Bounds, start_s: float, reference: Reference, state: ActiveReference, t: float
 ) -> ActiveReference:
-    """Return the state on its way to another configured reference, as it is, from time `t` [s] of the last tick.
+    """Return the state on its way to another reference in place of the one in force.
 
-    Parameters as in `follow`.
+    Parameters
+    ----------
+    bounds : Bounds
+        Limits of strain and rate.
+    start_s : float
+        Duration of the transition [s].
+    reference : Reference
+        Also the configured one from now on where none is given.
+    state : ActiveReference
+        State after the last tick.
+    t : float
+        Time of the last tick [s].
+
+    Returns
+    -------
+    ActiveReference
     """
-    transition = redirect(bounds, state.transition, configured, t, start_s)
-    return replaced(state, configured=configured, wanted=configured, changed_s=t, transition=transition)
+    configured = reference if state.given is None else state.configured
+    transition = redirect(bounds, state.transition, reference, t, start_s)
+    return replaced(state, configured=configured, wanted=reference, transition=transition)
 
 
 def reference_ahead(bounds: Bounds, state: ActiveReference, time_s: float) -> Point:

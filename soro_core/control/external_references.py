@@ -21,7 +21,7 @@ from soro_core.control.motions.references import key_of, tip_reference, trajecto
 from soro_core.control.motions.resting_shape import resting_shape
 from soro_core.control.nonuniform_strain import NonuniformStrain
 from soro_core.control.pressures.setpoints import SetpointMaker
-from soro_core.control.reference.active_reference import ActiveReference, redirected, reference_ahead
+from soro_core.control.reference.active_reference import ActiveReference, blended, reference_ahead
 from soro_core.control.reference.reference_transition import Bounds
 from soro_core.control.reference.trajectory import Circle, Hold, Reference
 from soro_core.control.reference.underactuation import UnderactuatedReference
@@ -194,7 +194,7 @@ class GivenReferences:
         supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
         choice, circle = choice.renewed(supply, settings, own, now, differs)
         if circle is not now:
-            following = redirected(self.bounds, settings.start_s, circle, following, t - dt)
+            following = blended(following, circle, t - dt, settings.start_s)
         return choice, following
 
     def configured_tip(self, state: ControllerState, tip: Array, t: float) -> Array | None:

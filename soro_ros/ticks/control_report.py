@@ -14,7 +14,7 @@ from soro_ros.conversion import force, messages
 
 
 class ControlReport:
-    """Publishes arm/desired/tip and wrench, arm/configured/tip, and the law's estimates, deviations and terms.
+    """Publishes where the tip ought to be, the wanted force, and the law's estimates, deviations and terms.
 
     Parameters
     ----------

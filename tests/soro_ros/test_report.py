@@ -114,6 +114,24 @@ def test_a_chamber_without_a_reading_hides_no_pressure_of_the_others():
     assert (found.pressure_min_pa, found.pressure_max_pa) == (2e3, 30e3)
 
 
+def test_the_error_to_the_configured_circle_stands_beside_that_to_another_one():
+    t = np.arange(0.0, 20.0, 0.005)
+    true, wanted, asked = (TopicSeries(t, np.full((t.size, 3), [x, 0.0, 0.0])) for x in (2e-3, 0.0, -3e-3))
+    scene = load_scene("track_circle")
+    same = RunRecording(true, true, wanted, EMPTY, EMPTY, EMPTY, {}, ())
+    row = "the same to the configured circle, last 5 s"
+    for begin_s, error_m in ((4.0, 5e-3), (17.5, np.sqrt(0.5 * (2e-3**2 + 5e-3**2))), (np.inf, np.nan)):
+        found = report.summarise(replace(same, configured_tip=asked.at_times(t >= begin_s)), scene)
+        assert found.tip_error_last_rms_m == pytest.approx(2e-3)
+        kept = found.to_dict()["configured_tip_error_last_rms_m"]
+        rows = dict(report.rows(found, scene))
+        if np.isnan(error_m):
+            assert (kept, row in rows) == (None, False)
+        else:
+            assert kept == pytest.approx(error_m, rel=1e-3)
+            assert rows[row] == f"{1e3 * error_m:.2f} mm"
+
+
 FIRST = "tip error RMS, 3 to 8 s"
 
 

@@ -2,7 +2,8 @@
 
 A scene that states curvature and mean pressure leaves the elongation to the model. Beside a weak chamber the
 file's model chooses one for which the true arm needs a higher mean pressure, and a chamber is at its limit.
-With the learned forces and gains the same keys give the elongation that a right file would have given.
+With the learned forces and gains the same keys give about the elongation of a right file; it has the force of
+non-uniform strain, too, which the file's choice leaves out.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from soro_core.control.reference.reference_transition import (
     point,
     redirect,
 )
-from soro_core.control.reference.trajectory import Hold, Point, Reference
+from soro_core.control.reference.trajectory import Blend, Hold, Point, Reference
 from soro_core.frozen import replaced
 
 # Part of the limit of a strain within which a transition has arrived.
@@ -101,30 +101,28 @@ def follow(
     return replaced(state, given=reference, transition=advance(bounds, transition, t, dt))
 
 
-def redirected(
-    bounds: Bounds, start_s: float, reference: Reference, state: ActiveReference, t: float
-) -> ActiveReference:
-    """Return the state on its way to another reference in place of the one in force.
+def blended(state: ActiveReference, reference: Reference, t: float, within_s: float) -> ActiveReference:
+    """Return the state with a smooth step to a like motion in place of the one in force, which goes on.
+
+    It has no limits of rate, unlike a transition to another motion: the speed of a circle is configured.
 
     Parameters
     ----------
-    bounds : Bounds
-        Limits of strain and rate.
-    start_s : float
-        Duration of the transition [s].
-    reference : Reference
-        Also the configured one from now on where none is given.
     state : ActiveReference
         State after the last tick.
+    reference : Reference
+        Also the configured one from now on where none is given.
     t : float
         Time of the last tick [s].
+    within_s : float
+        Duration [s].
 
     Returns
     -------
     ActiveReference
     """
     configured = reference if state.given is None else state.configured
-    transition = redirect(bounds, state.transition, reference, t, start_s)
+    transition = replaced(state.transition, target=Blend(state.wanted, reference, t, within_s))
     return replaced(state, configured=configured, wanted=reference, transition=transition)
 
 

@@ -235,7 +235,7 @@ class Controller(GivenReferences):
                 state = replace(state, force=replace(state.force, refusal=str(error)))
         elongation = state.elongation
         if state.watch.saturated or elongation is not None:
-            elongation, before = self.rechosen_circle(state, reference, t, dt)
+            elongation, before = self.rechosen_circle(state, t, dt)
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s

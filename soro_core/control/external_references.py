@@ -165,7 +165,7 @@ class GivenReferences:
         return None if force.felt is None or force.refusal else self.press(state, settings.press_n)
 
     def rechosen_circle(
-        self, state: ControllerState, given: Reference | None, t: float, dt: float
+        self, state: ControllerState, t: float, dt: float
     ) -> tuple[ElongationChoice, ActiveReference | None]:
         """Return the choice of the circle's elongation by what is learned, and the reference after it.
 
@@ -173,14 +173,12 @@ class GivenReferences:
         ----------
         state : ControllerState
             After the last tick.
-        given : Reference or None
-            The reference of this tick, where one is given: it goes first.
         t, dt : float
             Time, and time since the last tick [s].
         """
         settings, following = self.config.reference, state.following
         choice = (state.elongation or ElongationChoice()).later(dt, bool(state.watch.saturated))
-        if following is None or given is not following.given or self.obstacles is not None:
+        if following is None or self.obstacles is not None:  # another circle may meet one
             return choice, following
         own, now = self.configured, following.wanted
         if not (isinstance(own, Circle) and isinstance(now, Circle)):

@@ -222,6 +222,8 @@ def cells(found: Sequence[Outcome]) -> list[str]:
     """Return the figures of one law."""
     error = float(np.mean([one.error for one in found]))
     verdicts = "; ".join(sorted({one.verdict.word for one in found}))
-    configured = float(np.mean([one.configured for one in found]))
-    also = f" ({100 * configured:.2f})" if np.isfinite(configured) else ""
+    configured = [one.configured for one in found]
+    moved = np.isfinite(configured)
+    asked = np.where(moved, configured, [one.error for one in found])
+    also = f" ({100 * float(np.mean(asked)):.2f})" if moved.any() else ""
     return [f"{100 * error:.2f}{also}", verdicts, found[0].notes]

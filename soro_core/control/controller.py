@@ -320,7 +320,7 @@ class Controller(GivenReferences):
             saturated=made.at_bound,
             terms=terms,
             status=ControllerStatus(True, "", "; ".join(notes)),
-            configured_tip=self.configured_tip(after, tip_reference, t),
+            configured_tip=None if elongation is None else self.configured_tip(elongation, following, t),
         )
 
     def _probed(self, probe: ProbeState, state: ControllerState) -> tuple[ControllerState, Command]:

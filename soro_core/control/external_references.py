@@ -195,29 +195,18 @@ class GivenReferences:
             following = blended(following, circle, t - dt, settings.start_s)
         return choice, following
 
-    def configured_tip(self, state: ControllerState, tip: Array, t: float) -> Array | None:
+    def configured_tip(self, choice: ElongationChoice, following: ActiveReference, t: float) -> Array | None:
         """Return the pose (4, 4) of the tip on the configured circle at time `t` [s].
 
-        Parameters
-        ----------
-        state : ControllerState
-            After this tick.
-        tip : ndarray (4, 4)
-            Pose at the reference in force: the answer where that circle, or no circle, is in force.
-        t : float
-            Time [s].
-
-        Returns
-        -------
-        ndarray (4, 4) or None
-            None where no other elongation has been chosen yet.
+        Where no circle, or that one, is in force it is the pose at the reference; None until another
+        elongation has been chosen.
         """
-        choice, own = state.elongation, self.configured
-        if choice is None or choice.circle is None or own is None or state.following is None:
+        if choice.circle is None:
             return None
-        if not choice.is_followed(state.following):
-            return tip
-        return self.arm.pose(own.started_at(choice.circle.start_s).sample(t).q, self.arm.length)
+        if not choice.is_followed(following) or self.configured is None:
+            return self.arm.pose(reference_ahead(self.bounds, following, 0.0).q, self.arm.length)
+        own = self.configured.started_at(choice.circle.start_s)
+        return self.arm.pose(own.sample(t).q, self.arm.length)
 
     def press(self, state: ControllerState, force_n: Array | Sequence[float]) -> Reference:
         """Return a reference that presses with a force; of 0 one that releases, and returns.

@@ -95,7 +95,7 @@ def test_the_tip_on_the_configured_circle_is_told_beside_that_of_the_reference()
     loop.reference = Hold(own.q)
     command = loop.run(DT)
     assert "elongation" not in command.status.note
-    assert command.configured_tip is command.tip_reference
+    assert command.configured_tip == pytest.approx(command.tip_reference, abs=1e-12)
 
 
 @pytest.mark.parametrize(

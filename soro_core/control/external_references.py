@@ -198,8 +198,18 @@ class GivenReferences:
     def configured_tip(self, choice: ElongationChoice, following: ActiveReference, t: float) -> Array | None:
         """Return the pose (4, 4) of the tip on the configured circle at time `t` [s].
 
-        Where no circle, or that one, is in force it is the pose at the reference; None until another
-        elongation has been chosen.
+        Parameters
+        ----------
+        choice : ElongationChoice
+        following : ActiveReference
+            After this tick. Where it has no circle, or that one, the pose is at its reference.
+        t : float
+            Time [s].
+
+        Returns
+        -------
+        ndarray (4, 4) or None
+            None until another elongation has been chosen.
         """
         if choice.circle is None:
             return None

@@ -16,10 +16,14 @@ from soro_ros.study.closed_loop import run_in_process
 
 @dataclass(frozen=True)
 class Outcome:
-    """RMS of the tip error of the last seconds, part of the length, and the verdict."""
+    """RMS of the tip error of the last seconds, part of the length, and the verdict.
+
+    `configured` is that error to the configured circle, where the law has chosen another one; else NaN.
+    """
 
     error: float
     verdict: Verdict
+    configured: float = np.nan
 
     @property
     def notes(self) -> str:
@@ -38,4 +42,7 @@ def judged(recording: RunRecording, end: End, scene: Scene) -> Outcome:
     verdict = judge(summary, scene, end, recording)
     if summary is None or end.status:
         return Outcome(np.inf, verdict)
-    return Outcome(summary.tip_error_last_rms_m / scene.loaded_robot.length, verdict)
+    length = scene.loaded_robot.length
+    return Outcome(
+        summary.tip_error_last_rms_m / length, verdict, summary.configured_tip_error_last_rms_m / length
+    )

@@ -202,7 +202,8 @@ def run(options: Options) -> str:
             "The truth differs from the robot file in structure (`twin.plant`), all in lockstep, gains "
             f"automatic: tip error RMS of the last {WINDOW_S:g} s, % of the length. Means of seeds "
             f"{', '.join(map(str, seeds))}; the verdict is that of `soro run`, the notes are the last ones "
-            "of the first seed.",
+            "of the first seed. In brackets: to the configured circle, where the law has chosen another "
+            "elongation for it.",
             table(head, rows),
             "Alone, started from the gains that the probe has measured (`probe_at_enable: warn`, on in real "
             "time), and from what an earlier run of 12 s has learned (`--learn-from`): tip error RMS behind "
@@ -221,4 +222,8 @@ def cells(found: Sequence[Outcome]) -> list[str]:
     """Return the figures of one law."""
     error = float(np.mean([one.error for one in found]))
     verdicts = "; ".join(sorted({one.verdict.word for one in found}))
-    return [f"{100 * error:.2f}", verdicts, found[0].notes]
+    configured = [one.configured for one in found]
+    moved = np.isfinite(configured)
+    asked = np.where(moved, configured, [one.error for one in found])
+    also = f" ({100 * float(np.mean(asked)):.2f})" if moved.any() else ""
+    return [f"{100 * error:.2f}{also}", verdicts, found[0].notes]

@@ -253,6 +253,7 @@ def written(found: Sequence[Judged]) -> str:
     errors = 100.0 * np.array([one.found.error for one in found])
     words = [one.found.verdict.word for one in found]
     middle, most, worst = np.quantile(errors, [0.5, 0.95, 1.0], method="lower")
+    moved = [100.0 * one.found.configured for one in found if np.isfinite(one.found.configured)]
     bad = [one for one in found if one.found.verdict.word != "good"]
     text = (
         "Arms drawn evenly, each half of them standing and hanging: gains of chambers by their mean "
@@ -285,6 +286,8 @@ def written(found: Sequence[Judged]) -> str:
         "with a wrong cause",
         "poor without a right one",
         "lost without a right one",
+        "circle chosen anew",
+        "worst of these to the configured circle, %",
     ]
     row = [
         str(len(found)),
@@ -297,5 +300,7 @@ def written(found: Sequence[Judged]) -> str:
         str(sum(bool(one.wrong) for one in found)),
         str(sum(one.found.verdict.word == "poor" and not one.right for one in bad)),
         str(sum(one.found.verdict.word != "poor" and not one.right for one in bad)),
+        str(len(moved)),
+        f"{max(moved):.2f}" if moved else "",
     ]
     return f"{text}\n\n{table(head, [row])}"

@@ -17,6 +17,7 @@ from soro_core.control.control_monitor import ControlMonitorState
 from soro_core.control.force.force_state import ForceLoopState
 from soro_core.control.laws.limit_cycle import LimitCycleState
 from soro_core.control.laws.protocol import Terms
+from soro_core.control.motions.learned_elongation import ElongationChoice
 from soro_core.control.probing.procedure import ProbeState
 from soro_core.control.reference.active_reference import ActiveReference
 from soro_core.control.reference.trajectory import Hold, Point
@@ -60,6 +61,8 @@ class ControllerState:
         The probe before the law begins; None where there is none, or it is over. One that has refused stays.
     probed : str
         What the probe has found.
+    elongation : ElongationChoice or None
+        Choice of a circle's elongation by what is learned; None until a chamber has lacked pressure.
     """
 
     law: Any
@@ -78,6 +81,7 @@ class ControllerState:
     point: Point | None = None
     probe: ProbeState | None = None
     probed: str = ""
+    elongation: ElongationChoice | None = None
 
 
 @dataclass(frozen=True)
@@ -125,6 +129,8 @@ class Command:
         The terms of the desired force by name; None if the command is held.
     status : ControllerStatus
         Whether the law gave the command.
+    configured_tip : ndarray (4, 4) or None
+        Pose of the tip on the configured circle; None until another elongation has been chosen for it.
     """
 
     setpoint_pa: Array
@@ -138,6 +144,7 @@ class Command:
     saturated: NDArray[np.bool_]
     terms: Terms | None
     status: ControllerStatus
+    configured_tip: Array | None = None
 
     @property
     def estimates(self) -> dict[str, float]:

@@ -147,6 +147,11 @@ class ReferenceConfig(Strict):
         description="choose the elongation so that the model's mean pressure is mean_pressure_pa instead",
     )
     mean_pressure_pa: float = Field(45e3, ge=-1e5, le=1e6, description="mean pressure for choose_elongation")
+    learned_elongation: bool = Field(
+        True,
+        description="with choose_elongation: choose it anew by what the law has learned where a chamber that "
+        "differs from the robot file lacks pressure on the circle; false: the circle stays as it is",
+    )
     set_point: Floats = Field(
         (0.0, 0.0, 0.0),
         description="for kind set_point: one value a strain of a link, uniform along it, or the coordinates",

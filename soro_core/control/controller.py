@@ -233,6 +233,9 @@ class Controller(GivenReferences):
                 reference = self.configured_press(state, t)
             except ConfigError as error:  # the arm stays on its reference
                 state = replace(state, force=replace(state.force, refusal=str(error)))
+        elongation = state.elongation
+        if state.watch.saturated or elongation is not None:
+            elongation, before = self.rechosen_circle(state, t, dt)
         following = follow(self.bounds, start_s, self.configured, before, q, t, dt, reference)
         # A set point acts after lag and dead time: the law uses the reference and the state at that time.
         preview_s = self.pressures.preview_s
@@ -300,8 +303,10 @@ class Controller(GivenReferences):
             point=point,
             limit_cycle=limit_cycle,
             force=force,
+            elongation=elongation,
         )
-        told = after.watch.note, limit_cycle.note, self.force_loop.note(force), state.probed
+        changed = "" if elongation is None else elongation.note(following)
+        told = after.watch.note, limit_cycle.note, self.force_loop.note(force), changed, state.probed
         notes = filter(None, told)
         return after, Command(
             setpoint_pa=made.command_pa,
@@ -315,6 +320,7 @@ class Controller(GivenReferences):
             saturated=made.at_bound,
             terms=terms,
             status=ControllerStatus(True, "", "; ".join(notes)),
+            configured_tip=None if elongation is None else self.configured_tip(elongation, following, t),
         )
 
     def _probed(self, probe: ProbeState, state: ControllerState) -> tuple[ControllerState, Command]:

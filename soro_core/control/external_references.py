@@ -14,15 +14,16 @@ from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.force.press import Press
 from soro_core.control.force.press_checks import LARGEST_N, check_cap, check_force
 from soro_core.control.laws.protocol import Law
+from soro_core.control.motions.learned_elongation import ElongationChoice
 from soro_core.control.motions.lookout import Lookout, keep_clear
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import key_of, tip_reference, trajectory_reference
 from soro_core.control.motions.resting_shape import resting_shape
 from soro_core.control.nonuniform_strain import NonuniformStrain
 from soro_core.control.pressures.setpoints import SetpointMaker
-from soro_core.control.reference.active_reference import reference_ahead
+from soro_core.control.reference.active_reference import ActiveReference, blended, reference_ahead
 from soro_core.control.reference.reference_transition import Bounds
-from soro_core.control.reference.trajectory import Hold, Reference
+from soro_core.control.reference.trajectory import Circle, Hold, Reference
 from soro_core.control.reference.underactuation import UnderactuatedReference
 from soro_core.errors import ConfigError
 from soro_core.model import SoftArm
@@ -162,6 +163,60 @@ class GivenReferences:
         if force.press is not None:  # goes on, also without an estimate: the tip stops there
             return force.press
         return None if force.felt is None or force.refusal else self.press(state, settings.press_n)
+
+    def rechosen_circle(
+        self, state: ControllerState, t: float, dt: float
+    ) -> tuple[ElongationChoice, ActiveReference | None]:
+        """Return the choice of the circle's elongation by what is learned, and the reference after it.
+
+        Parameters
+        ----------
+        state : ControllerState
+            After the last tick.
+        t, dt : float
+            Time, and time since the last tick [s].
+        """
+        settings, following = self.config.reference, state.following
+        choice = (state.elongation or ElongationChoice()).later(dt, bool(state.watch.saturated))
+        if following is None or self.obstacles is not None:  # another circle may meet one
+            return choice, following
+        own, now = self.configured, following.wanted
+        if not (isinstance(own, Circle) and isinstance(now, Circle)):
+            return choice, following
+        if state.watch.run_s <= settings.start_s or not choice.is_due(
+            max(settings.start_s, settings.period_s)
+        ):
+            return choice, following
+        may = settings.choose_elongation and settings.learned_elongation
+        differs = self.law.differing(state.law) if may else ""
+        supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
+        choice, circle = choice.renewed(supply, settings, own, now, differs)
+        if circle is not now:
+            following = blended(following, circle, t - dt, settings.start_s)
+        return choice, following
+
+    def configured_tip(self, choice: ElongationChoice, following: ActiveReference, t: float) -> Array | None:
+        """Return the pose (4, 4) of the tip on the configured circle at time `t` [s].
+
+        Parameters
+        ----------
+        choice : ElongationChoice
+        following : ActiveReference
+            After this tick. Where it has no circle, or that one, the pose is at its reference.
+        t : float
+            Time [s].
+
+        Returns
+        -------
+        ndarray (4, 4) or None
+            None until another elongation has been chosen.
+        """
+        if choice.circle is None:
+            return None
+        if not choice.is_followed(following) or self.configured is None:
+            return self.arm.pose(reference_ahead(self.bounds, following, 0.0).q, self.arm.length)
+        own = self.configured.started_at(choice.circle.start_s)
+        return self.arm.pose(own.sample(t).q, self.arm.length)
 
     def press(self, state: ControllerState, force_n: Array | Sequence[float]) -> Reference:
         """Return a reference that presses with a force; of 0 one that releases, and returns.

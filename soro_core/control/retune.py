@@ -42,7 +42,7 @@ MOTION = (
 )
 _LIVE = {
     "": ("adapt", "force", "gains", "motion", "pressures"),
-    "reference": (*MOTION, "start_s", "rotation_weight_m", "tip_tolerance_m"),
+    "reference": (*MOTION, "learned_elongation", "start_s", "rotation_weight_m", "tip_tolerance_m"),
     "pressures": ("minimum_pa", "maximum_pa", "rise_pa_s", "fall_pa_s"),
 }
 

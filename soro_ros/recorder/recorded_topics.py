@@ -16,6 +16,7 @@ _TOPICS = (
     ("arm/shadow/tip", "geometry_msgs/msg/PoseStamped"),
     ("arm/shadow/difference", "sensor_msgs/msg/JointState"),
     ("arm/desired/tip", "geometry_msgs/msg/PoseStamped"),
+    ("arm/configured/tip", "geometry_msgs/msg/PoseStamped"),
     ("arm/desired/wrench", "geometry_msgs/msg/WrenchStamped"),
     ("arm/covariance", "sensor_msgs/msg/JointState"),
     ("arm/learned", "sensor_msgs/msg/JointState"),

@@ -46,6 +46,7 @@ _USED = {
     "arm/wrench",
     "arm/wrench/covariance",
     "arm/desired/wrench",
+    "arm/configured/tip",
 }
 
 
@@ -79,7 +80,8 @@ class RunRecording:
     Of a recording without set points they count from its first message.
 
     Tips are positions (n, 3) [m], pressures [Pa gauge]. Of a real arm there is no true tip, only the measured
-    one; `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
+    one; `configured_tip` is that on the configured circle, from when another elongation was chosen for it on.
+    `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
     are the coordinates of the plant and those of the estimator. Forces (n, 3) [N] are those on the arm at its
     tip; `force_doubt` has the stage of contact and the covariance by name, `tip_axis` the direction of the
     backbone at the true tip. `said` has the changes of what the nodes say.
@@ -103,6 +105,7 @@ class RunRecording:
     true_force: TopicSeries = EMPTY
     estimated_force: TopicSeries = EMPTY
     wanted_force: TopicSeries = EMPTY
+    configured_tip: TopicSeries = EMPTY
     force_doubt: TopicSeries = EMPTY
     tip_axis: TopicSeries = EMPTY
     events: tuple[Event, ...] = ()
@@ -248,6 +251,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         true_force=series("truth/wrench"),
         estimated_force=estimated,
         wanted_force=series("arm/desired/wrench"),
+        configured_tip=series("arm/configured/tip"),
         force_doubt=doubt,
         tip_axis=series(_AXIS),
         events=under_control(events, end_s),

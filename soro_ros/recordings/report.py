@@ -50,6 +50,7 @@ class Summary:
     saturated_last_part: float = 0.0
     force_error_last_rms_n: float = float("nan")
     force_estimate_error_last_rms_n: float = float("nan")
+    configured_tip_error_last_rms_m: float = float("nan")
     verdict: str = ""
     reason: str = ""
     notes: tuple[str, ...] = ()
@@ -107,6 +108,7 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
         shadow=shadow_report.summarise(recording.shadow, scene.duration_s),
         force_error_last_rms_n=_rms(at_goal),
         force_estimate_error_last_rms_n=_rms(of_estimate),
+        configured_tip_error_last_rms_m=_rms(configured_tip_error(recording, t[last])),
     )
 
 
@@ -137,6 +139,18 @@ def tip_error(recording: RunRecording, duration_s: float) -> tuple[Array, Array]
     inside = in_control(recording, true.t, duration_s)
     t = true.t[inside]
     return t, np.asarray(np.linalg.norm(true.value[inside] - wanted.at(t), axis=1))
+
+
+def configured_tip_error(recording: RunRecording, t: Array) -> Array:
+    """Return distances (n,) [m] between the tip and that on the configured circle at some times (n,) [s].
+
+    Until another elongation was chosen that is the reference; empty where none was before the last of them.
+    """
+    asked = recording.configured_tip
+    if t.size == 0 or asked.t.size < 2 or asked.t[0] > t[-1]:
+        return np.zeros(0)
+    wanted = np.where((t < asked.t[0])[:, None], recording.wanted_tip.at(t), asked.at(t))
+    return np.asarray(np.linalg.norm(recording.true_tip.at(t) - wanted, axis=1))
 
 
 def force_errors(recording: RunRecording, t: Array) -> tuple[Array, Array]:
@@ -274,6 +288,7 @@ def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
         ("under control", f"{summary.duration_s:.2f} of {scene.duration_s:g} s"),
         (f"tip error RMS, {start:g} to {start + WINDOW_S:g} s{adapting}", _mm(summary.tip_error_first_rms_m)),
         (f"tip error RMS, {last}", _mm(summary.tip_error_last_rms_m)),
+        *_configured(summary, last),
         (f"tip error max, {last}", _mm(summary.tip_error_last_max_m)),
         (f"estimator's tip error RMS, {last}", _mm(summary.estimator_error_last_rms_m)),
         *_forces(summary, last),
@@ -295,6 +310,12 @@ def _verdict(summary: Summary) -> list[tuple[str, str]]:
     """Return the rows of the verdict, if there is one: its word, its reason, and what the nodes say."""
     found = ("verdict", summary.verdict), ("reason", summary.reason), ("notes", "\n".join(summary.notes))
     return [row for row in found if row[1]]
+
+
+def _configured(summary: Summary, last: str) -> list[tuple[str, str]]:
+    """Return the row of the configured circle, where the law has chosen another elongation for it."""
+    value = summary.configured_tip_error_last_rms_m
+    return [(f"the same to the configured circle, {last}", _mm(value))] if np.isfinite(value) else []
 
 
 def _forces(summary: Summary, last: str) -> list[tuple[str, str]]:

@@ -129,6 +129,11 @@ def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | N
                 f"tip error {1e3 * error:.1f} mm RMS in {last}, {error / length:.1%} of the "
                 f"length, more than {100 * part:g}% ({1e3 * part * length:.1f} mm)"
             )
+    asked = summary.configured_tip_error_last_rms_m
+    if asked > limits.good_part * length:
+        poor.append(
+            f"the tip is {1e3 * asked:.1f} mm RMS ({asked / length:.1%}) off the configured circle in {last}"
+        )
     for what, part, most, found in (
         ("", summary.saturated_part, limits.at_bound_part, lost),
         (f" of {last}", summary.saturated_last_part, AT_LIMIT_PART, poor),

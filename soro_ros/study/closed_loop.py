@@ -177,6 +177,8 @@ class _Recorder:
             rows["command"] = command.setpoint_pa
             if command.terms is not None:  # the law has begun
                 rows["wanted_tip"] = command.tip_reference[:3, 3]
+                if command.configured_tip is not None:
+                    rows["configured_tip"] = command.configured_tip[:3, 3]
                 self._command = command
         for name, row in rows.items():
             self._rows.setdefault(name, []).append((tick.t_s, np.array(row)))
@@ -205,6 +207,7 @@ class _Recorder:
             true_tip=true_tip,
             estimated_tip=series("estimated_tip"),
             wanted_tip=series("wanted_tip"),
+            configured_tip=series("configured_tip"),
             command=series("command", self._names),
             reading=series("reading", self._names),
             estimates=self._learned(start_s, "estimates"),

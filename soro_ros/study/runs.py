@@ -31,6 +31,7 @@ FIGURES = (
     "tip_error_first_rms_m",
     "tip_error_last_rms_m",
     "tip_error_last_max_m",
+    "configured_tip_error_last_rms_m",
     "estimator_error_last_rms_m",
     "settling_s",
     "pressure_min_pa",

@@ -14,7 +14,7 @@ from soro_ros.conversion import force, messages
 
 
 class ControlReport:
-    """Publishes arm/desired/tip and wrench, and the law's estimates, deviations and terms.
+    """Publishes where the tip ought to be, the wanted force, and the law's estimates, deviations and terms.
 
     Parameters
     ----------
@@ -30,6 +30,7 @@ class ControlReport:
 
     outputs: ClassVar[dict[str, type[Any]]] = {
         "arm/desired/tip": PoseStamped,
+        "arm/configured/tip": PoseStamped,
         "arm/desired/wrench": WrenchStamped,
         "controller/estimates": JointState,
         "controller/deviations": JointState,
@@ -57,9 +58,10 @@ class ControlReport:
         stamp_ns : int
             Time of both [ns].
         """
-        if self._is_read("arm/desired/tip"):
-            tip = messages.pose_stamped(command.tip_reference, stamp_ns, self._world)
-            self._publish("arm/desired/tip", tip)
+        tips = {"arm/desired/tip": command.tip_reference, "arm/configured/tip": command.configured_tip}
+        for topic, tip in tips.items():
+            if tip is not None and self._is_read(topic):
+                self._publish(topic, messages.pose_stamped(tip, stamp_ns, self._world))
         if press is not None and self._is_read("arm/desired/wrench"):
             goal = force.wrench(-press.force_n * press.direction, stamp_ns, self._world)
             self._publish("arm/desired/wrench", goal)

@@ -236,7 +236,7 @@ def test_the_estimator_publishes_the_force_its_covariance_and_its_stage(domain):
 
 
 def test_a_press_tells_the_force_that_ought_to_be_on_the_arm():
-    sent, command = {}, SimpleNamespace(tip_reference=np.eye(4))
+    sent, command = {}, SimpleNamespace(tip_reference=np.eye(4), configured_tip=None)
     report = ControlReport([], "map", sent.__setitem__, lambda topic: topic.startswith("arm/desired"))
     report.publish(command, None, 5)
     assert list(sent) == ["arm/desired/tip"]

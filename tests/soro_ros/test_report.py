@@ -1,19 +1,27 @@
 """The report of a run: what it does not know it does not say."""
 
 from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from matplotlib.figure import Figure
+from rclpy.serialization import serialize_message
 
 from soro_core.config import find_config, read_yaml
+from soro_lab.bag import BagReader, BagWriter, Topic
 from soro_lab.scene import load_scene
 from soro_ros.pictures import panels, picture
+from soro_ros.recorder.recorded_topics import recorded_topics
 from soro_ros.recordings import recording, report
 from soro_ros.recordings.learned import keep_learned
 from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
+from soro_ros.ticks.control_report import ControlReport
+
+WHOLE = Path(__file__).parents[2] / "bags" / "track_circle_lockstep_2s"
 
 
 def rows(ends_s: float, diagnostics=None, trips=(), **changes) -> dict[str, str]:
@@ -112,6 +120,48 @@ def test_a_chamber_without_a_reading_hides_no_pressure_of_the_others():
     bag = RunRecording(tip, tip, tip, reading, reading, EMPTY, {}, ())
     found = report.summarise(bag, load_scene("track_circle"))
     assert (found.pressure_min_pa, found.pressure_max_pa) == (2e3, 30e3)
+
+
+def test_the_error_to_the_configured_circle_stands_beside_that_to_another_one():
+    t = np.arange(0.0, 20.0, 0.005)
+    true, wanted, asked = (TopicSeries(t, np.full((t.size, 3), [x, 0.0, 0.0])) for x in (2e-3, 0.0, -3e-3))
+    scene = load_scene("track_circle")
+    same = RunRecording(true, true, wanted, EMPTY, EMPTY, EMPTY, {}, ())
+    row = "the same to the configured circle, last 5 s"
+    for begin_s, error_m in ((4.0, 5e-3), (17.5, np.sqrt(0.5 * (2e-3**2 + 5e-3**2))), (np.inf, np.nan)):
+        found = report.summarise(replace(same, configured_tip=asked.at_times(t >= begin_s)), scene)
+        assert found.tip_error_last_rms_m == pytest.approx(2e-3)
+        kept = found.to_dict()["configured_tip_error_last_rms_m"]
+        rows = dict(report.rows(found, scene))
+        if np.isnan(error_m):
+            assert (kept, row in rows) == (None, False)
+        else:
+            assert kept == pytest.approx(error_m, rel=1e-3)
+            assert rows[row] == f"{1e3 * error_m:.2f} mm"
+
+
+def test_the_tip_on_the_configured_circle_is_published_recorded_and_read(tmp_path):
+    other = np.eye(4)
+    other[:3, 3] = 0.01, 0.02, 0.03
+    sent, topic = {}, "arm/configured/tip"
+    publisher = ControlReport([], "map", sent.__setitem__, lambda name: name.startswith("arm"))
+    publisher.publish(SimpleNamespace(tip_reference=np.eye(4), configured_tip=None), None, 5)
+    assert list(sent) == ["arm/desired/tip"]
+    publisher.publish(SimpleNamespace(tip_reference=np.eye(4), configured_tip=other), None, 5)
+    kind = "geometry_msgs/msg/PoseStamped"
+    assert f"/track_circle/{topic} {kind}" in recorded_topics(load_scene("track_circle"))
+    with BagReader(WHOLE) as reader, BagWriter(tmp_path / "bag") as writer:
+        kept = reader.topics
+        for one in (*kept, Topic(f"/track_circle/{topic}", kind)):
+            writer.add_topic(one)
+        for item in reader.messages({one.name for one in kept}):
+            writer.write(item.topic, item.data, item.log_time_ns)
+            if item.topic == "/track_circle/arm/desired/tip":
+                data = bytes(serialize_message(sent[topic]))
+                writer.write(f"/track_circle/{topic}", data, item.log_time_ns)
+    found = recording.read(tmp_path / "bag", "track_circle")
+    assert found.configured_tip.t.size == found.wanted_tip.t.size > 10
+    assert found.configured_tip.value[-1] == pytest.approx(other[:3, 3])
 
 
 FIRST = "tip error RMS, 3 to 8 s"

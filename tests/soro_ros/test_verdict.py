@@ -34,6 +34,9 @@ LEAK = {"at": 5.0, "fault": "leak", "chamber": "link0/chamber0", "rate_1_s": 3.0
         ({"tip_error_last_rms_m": 1.27e-3}, {}, 0, "good", ()),
         ({"tip_error_last_rms_m": 1.3e-3}, {"verdict.good_part": 0.03}, 0, "good", ()),
         ({"tip_error_last_rms_m": 6.5e-3}, {"verdict.good_part": 0.2}, 0, "lost", ("6.5 mm", "10%")),
+        # A circle that the law has changed is good where the arm is near the configured one, too.
+        ({"configured_tip_error_last_rms_m": 1.3e-3}, {}, 0, "poor", ("1.3 mm", "2.0%", "configured circle")),
+        ({"configured_tip_error_last_rms_m": 1.27e-3}, {}, 0, "good", ()),
         ({"saturated_last_part": 0.21}, {}, 0, "poor", ("21%", "last 5 s", "20%")),
         ({"saturated_last_part": 0.2}, {}, 0, "good", ()),
         ({"saturated_part": 0.51}, {}, 0, "lost", ("51%", "50%")),

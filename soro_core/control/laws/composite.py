@@ -210,6 +210,10 @@ class Composite(Law[CompositeState]):
         """Return samples refused and priors restored."""
         return {"samples_refused": state.learner.refused, "priors_restored": state.learner.restored}
 
+    def differing(self, state: CompositeState) -> str:
+        """Return the chambers that the learner names; parameters as in `Law.differing`."""
+        return state.learner.named
+
     def note(self, state: CompositeState) -> str:
         """Return what the learner has to say."""
         return state.learner.note

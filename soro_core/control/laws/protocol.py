@@ -335,6 +335,10 @@ class Law(ABC, Generic[State]):
         """Return the learned model for the filter, or None."""
         return None
 
+    def differing(self, state: State) -> str:
+        """Return which chambers are known to differ from the robot file, or an empty string."""
+        return ""
+
     def note(self, state: State) -> str:
         """Return what the user must know of this tick, or an empty string."""
         return ""

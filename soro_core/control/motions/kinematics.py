@@ -158,7 +158,16 @@ def mean_static_pressure(
         Range of pressures [Pa gauge], for the scale of the search.
     """
     load = arm.gravity_force(q) + arm.elastic_force(q)
-    actuation = arm.actuation_matrix(q)
+    return mean_holding_pressure(arm, fields, load, arm.actuation_matrix(q), minimum_pa, maximum_pa)
+
+
+def mean_holding_pressure(
+    arm: SoftArm, fields: StrainFields, load: Array, actuation: Array, minimum_pa: Array, maximum_pa: Array
+) -> float:
+    """Return the mean of the pressures [Pa] that hold a load (n_q,) by H (n_q, n_u).
+
+    Other parameters as in `mean_static_pressure`.
+    """
     weight = balanced_weight(actuation, fields)
     wide = 1e3 * (maximum_pa - minimum_pa)
     middle = 0.5 * (minimum_pa + maximum_pa)

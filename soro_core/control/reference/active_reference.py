@@ -16,7 +16,7 @@ from soro_core.control.reference.reference_transition import (
     point,
     redirect,
 )
-from soro_core.control.reference.trajectory import Hold, Point, Reference
+from soro_core.control.reference.trajectory import Blend, Hold, Point, Reference
 from soro_core.frozen import replaced
 
 # Part of the limit of a strain within which a transition has arrived.
@@ -99,6 +99,31 @@ def follow(
         transition = redirect(bounds, transition, wanted, t - dt, since_s if since_s <= STREAM_S else start_s)
         state = replaced(state, wanted=wanted, changed_s=t)
     return replaced(state, given=reference, transition=advance(bounds, transition, t, dt))
+
+
+def blended(state: ActiveReference, reference: Reference, t: float, within_s: float) -> ActiveReference:
+    """Return the state with a smooth step to a like motion in place of the one in force, which goes on.
+
+    It has no limits of rate, unlike a transition to another motion: the speed of a circle is configured.
+
+    Parameters
+    ----------
+    state : ActiveReference
+        State after the last tick.
+    reference : Reference
+        Also the configured one from now on where none is given.
+    t : float
+        Time of the last tick [s].
+    within_s : float
+        Duration [s].
+
+    Returns
+    -------
+    ActiveReference
+    """
+    configured = reference if state.given is None else state.configured
+    transition = replaced(state.transition, target=Blend(state.wanted, reference, t, within_s))
+    return replaced(state, configured=configured, wanted=reference, transition=transition)
 
 
 def reference_ahead(bounds: Bounds, state: ActiveReference, time_s: float) -> Point:

@@ -23,10 +23,10 @@ def with_chambers(robot, change):
     return robot.replace(links=[fields(link) | {"chambers": chambers}])
 
 
-def tracked(change, robot=HANGING, duration_s=10.0):
+def tracked(change, robot=HANGING, duration_s=10.0, **keys):
     """Run on a plant whose chambers have other keys."""
     plant = with_chambers(robot, change)
-    control = parse({"law": "composite", "reference": CIRCLE}, ControllerConfig, "test")
+    control = parse({"law": "composite", "reference": {**CIRCLE, **keys}}, ControllerConfig, "test")
     return run(robot, Setup(plant=plant, payload_kg=0.0, control=control, duration_s=duration_s))
 
 
@@ -44,6 +44,16 @@ def test_a_weak_chamber_is_tracked_and_named_within_five_seconds():
     assert named[0][0] < 5.0
     assert all(set(re.findall("chamber[0-9]", said)) == {"chamber1"} for _, said in named)
     assert float(re.search(r"gives ([0-9.]+) of", named[-1][1])[1]) == pytest.approx(0.6, abs=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("learned", [True, False])
+def test_a_circle_that_a_weak_chamber_cannot_hold_is_chosen_anew_and_said_where_it_may(learned):
+    record = tracked(weak, mean_pressure_pa=40e3, learned_elongation=learned)
+    print(f"RMS {100 * record.rms(4.0) / HANGING.length:.2f} % of the length; {record.statuses[-1]}")
+    assert any("chamber1 needs" in said for said in record.statuses)
+    assert (record.rms(4.0) < 0.005 * HANGING.length) == learned
+    assert ("the circle has the elongation" in record.statuses[-1]) == learned
 
 
 @pytest.mark.slow

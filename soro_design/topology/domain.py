@@ -190,7 +190,8 @@ def inside(region: Box | Disc, points: Array, near: float) -> Flags:
             if side is not None:
                 found &= (points[:, k] >= side[0] - near) & (points[:, k] <= side[1] + near)
         return found
-    gap = points - np.asarray(region.centre_m)
+    # Of a solid above a section a disc is a cylinder.
+    gap = points[:, : len(region.centre_m)] - np.asarray(region.centre_m)
     return np.asarray(np.linalg.norm(gap, axis=1) <= region.radius_m + near)
 
 
@@ -251,8 +252,8 @@ def patch(mesh: Mesh, is_there: Flags, along: Array) -> Array:
     """
     faces = mesh.faces_at(np.asarray(is_there))
     weight = np.zeros(len(mesh.points))
-    # Of a triangle of six nodes the mean is that of the middles of its edges.
-    counted = faces[:, 3:] if faces.shape[1] == 6 else faces
+    # With middles of edges the mean is that of these: of a triangle exactly, else of what is linear.
+    counted = faces[:, faces.shape[1] // 2 :] if faces.shape[1] > 4 else faces
     np.add.at(weight, counted, np.linalg.norm(normals(mesh.points, faces), axis=1)[:, None])
     return np.asarray((weight / weight.sum())[:, None] * along / np.linalg.norm(along))
 
@@ -264,8 +265,8 @@ def normals(points: Array, faces: Integers) -> Array:
     ----------
     points : ndarray, (n, d)
         Corners [m].
-    faces : ndarray of int, (f, 2, 4 or 6)
-        Lines, quadrilaterals or triangles with middles, turned outwards.
+    faces : ndarray of int, (f, 2, 4, 6 or 8)
+        Lines, quadrilaterals, triangles with middles or quadrilaterals with them, turned outwards.
     """
     ends = points[faces]
     if faces.shape[1] == 2:

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from soro_design.topology.widths import Widths
 
 app = typer.Typer(no_args_is_help=True)
+# A part on its own mesh keeps a limit of stretch within this share.
+BEYOND = 1.05
 TASK_FILE, FILM, PICTURE = "task.yaml", "film.gif", "design.png"
 app.command("shape")(shape_command)
 Folder = Annotated[Path, typer.Argument(help="Folder of a run.", exists=True, file_okay=False)]
@@ -252,6 +254,10 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
         thin = _width(widths.solid_m, widths.solid_at)
         least = f"at least {1e3 * PRINTABLE_M:g} mm"
         typer.echo(f"soro: a wall or hinge of {thin} tears or is not printed: {least}", err=True)
+    limit = domain.stretch_limit
+    if moved and limit is not None and moved.stretch > BEYOND * limit:
+        told = f"{moved.stretch:.3f} on its own mesh, at most {limit:g}"
+        typer.echo(f"soro: the part does not keep its limit of stretch: {told}", err=True)
     reasons = [reason for reason in (found.leak, moved.cause if moved else "") if reason]
     if moved and not reasons and domain.task.lid_mm is not None:
         typer.echo("analysing the part with lids as a solid, up to some minutes")
@@ -294,7 +300,12 @@ def _numbers(
         ("motion with spring, grid", f"{1e3 * row.motion_m:.3f} mm"),
         ("motion with spring, own mesh", f"{1e3 * moved.motion_m:.3f} mm ({gap:+.1%})"),
         ("motion without spring, own mesh", f"{1e3 * moved.free_m:.3f} mm"),
+        ("greatest stretch, grid and own mesh", f"{row.stretch:.3f}, {moved.stretch:.3f}{_allowed(domain)}"),
     ]
+
+
+def _allowed(domain: Domain) -> str:
+    return "" if domain.stretch_limit is None else f", limit {domain.stretch_limit:g}"
 
 
 def _of_lids(domain: Domain, found: LiddedMotion) -> list[str]:
@@ -304,7 +315,7 @@ def _of_lids(domain: Domain, found: LiddedMotion) -> list[str]:
         f"lids of {1e3 * task.lid_m:g} mm, height {1e3 * task.height_m:g} mm; half of it as "
         f"{len(found.mesh.cells)} {found.mesh.kind}",
         f"motion with spring, with lids: {1e3 * motion:.3f} mm, in the middle of the height "
-        f"{1e3 * found.middle_m:.3f} mm",
+        f"{1e3 * found.middle_m:.3f} mm; greatest stretch {found.moved.stretch:.3f}",
         f"of the same section in plane strain, as coarse: {1e3 * section:.3f} mm, so that lids change it by "
         f"{motion / section - 1.0:+.0%}",
     ]

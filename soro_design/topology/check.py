@@ -10,6 +10,7 @@ from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Mesh, SolverSettings, make_part, no_loads, solve
 from soro_design.fem.elements.solid import tables
+from soro_design.fem.solve.stretches import greatest_stretch
 from soro_design.topology.domain import NEAR, Domain, held_nodes, inside, patch
 from soro_design.topology.flood import Flood, flood, thinnest_wall, wet_faces
 from soro_design.topology.optimise import OptimiserState
@@ -32,6 +33,8 @@ class Reanalysis:
         Displacements of both [m], of the last state in equilibrium.
     cause : str
         Why there is no equilibrium, else empty.
+    stretch : float
+        Greatest principal stretch at a point of integration, with the spring.
     """
 
     motion_m: float
@@ -39,6 +42,7 @@ class Reanalysis:
     u: Array
     free_u: Array
     cause: str
+    stretch: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,4 +161,5 @@ def moved_output(domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | Non
         moved.append((reached, done.last.u))
         causes.append(done.cause)
     (motion, u), (free, free_u) = moved[0], moved[1] if len(moved) > 1 else (np.nan, moved[0][1])
-    return Reanalysis(motion, free, u, free_u, "; ".join(cause for cause in causes if cause))
+    cause = "; ".join(cause for cause in causes if cause)
+    return Reanalysis(motion, free, u, free_u, cause, greatest_stretch(part, u))

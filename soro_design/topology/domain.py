@@ -40,6 +40,8 @@ class Domain:
         Directions in which nodes do not move.
     output : ndarray, (n, d)
         Weights of the displacements that make that of the output; 0 where the goal has none.
+    stretch_limit : float or None
+        Greatest principal stretch.
     """
 
     task: Task
@@ -50,6 +52,7 @@ class Domain:
     is_open: Flags
     is_held: Flags
     output: Array
+    stretch_limit: float | None = None
 
     @property
     def is_given(self) -> Flags:
@@ -139,7 +142,16 @@ def make_domain(task: Task, where: str = "task") -> Domain:
         if not (moved & (joined(grid.mesh.cells[is_void], is_inlet) | is_inlet)).any():
             allowed = "elements that leave a way for material from goal.output to the air of the inlet"
             raise ConfigError(where, "void", f"{len(task.void)} regions that part them", allowed)
-    return Domain(task, grid, is_solid, is_void, is_inlet, is_open, is_held, output)
+    limit = _stretch_limit(task, where)
+    return Domain(task, grid, is_solid, is_void, is_inlet, is_open, is_held, output, limit)
+
+
+def _stretch_limit(task: Task, where: str) -> float | None:
+    """The limit of the task, else the stretch at which its material breaks."""
+    if task.stretch_limit is not None or isinstance(task.goal, Stiffest):
+        return task.stretch_limit
+    known = task.goal.law(where).strength
+    return None if known is None else known.break_stretch
 
 
 def _told(region: Box | Disc) -> dict[str, Any]:

@@ -194,6 +194,10 @@ class Task(Strict):
         Field(strict=False, description="what the iterations begin with; elsewhere volume_fraction"),
     ] = ()
     volume_fraction: Annotated[Share, Field(description="greatest share of the volume that is solid")]
+    stretch_limit: Annotated[
+        float | None,
+        Field(gt=1.0, description="greatest principal stretch; else that at which the material breaks"),
+    ] = None
     filter_radius_m: Annotated[Positive, Field(description="of the density filter")]
     void_stiffness: Annotated[Share, Field(description="stiffness of void over that of solid")] = 1e-6
     air: Annotated[AirPermeability, Field(description="how air passes solid and void")]
@@ -215,6 +219,8 @@ class Task(Strict):
     def _fits(self) -> Task:
         if self.space != "plane_strain" and isinstance(self.goal, Stiffest):
             raise ValueError("goal farthest about an axis and of a solid; stiffest is for plane stress")
+        if self.stretch_limit is not None and isinstance(self.goal, Stiffest):
+            raise ValueError("stretch_limit with goal farthest alone: stiffest is linear")
         d = 3 if self.space == "solid" else 2
         for name, found in (("size_m", self.size_m), ("cells", self.cells), *self._vectors()):
             if len(found) != d:

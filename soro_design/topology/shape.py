@@ -140,14 +140,14 @@ def cut_quads(grid: Grid, cut: Contour, is_filled: Flags | None = None) -> tuple
     quads: list[list[int]] = []
     is_void: list[bool] = []
     cells, bridged = grid.mesh.cells, is_bridged(cut.level, grid.mesh.cells)
-    sides = [(cut, (cut.level[cells] > 0.0).any(axis=1), bridged)]
+    sides = [(cut, cut.level > 0.0, bridged)]
     if is_filled is not None:
         void = Contour(cut.points, -cut.level)
-        sides.append((void, is_filled[cells].any(axis=1), ~bridged))
-    for side, (of, is_there, is_joined) in enumerate(sides):
-        for e in np.flatnonzero(is_there):
+        sides.append((void, is_filled, ~bridged))
+    for side, (of, is_wanted, is_joined) in enumerate(sides):
+        for e in np.flatnonzero(is_wanted[cells].any(axis=1)):
             for part, polygon in enumerate(_polygons(of, cells[e], bool(is_joined[e]))):
-                if side and not any(is_filled[a] for a, b in polygon if a == b):
+                if not any(is_wanted[a] for a, b in polygon if a == b):
                     continue
                 places = [_place(of, key) for key in polygon]
                 n = len(polygon)

@@ -96,7 +96,22 @@ def _section(kind: str, points: Array, cells: Integers) -> Mesh:
 
 
 def coarser(domain: Domain, filtered: Array, cells: int) -> tuple[Domain, Contour]:
-    """Return a task on a grid of fewer `cells`, and the contour of the densities (e,) there."""
+    """Return a task on a coarser grid, and the contour of its densities there.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    filtered : ndarray, (e,)
+        Densities before their projection.
+    cells : int
+        Elements of the coarser grid, about; a grid of fewer stays.
+
+    Raises
+    ------
+    ConfigError
+        If no node of the coarser grid lies in a region.
+    """
     counts = domain.grid.counts
     sides = [np.linspace(0.0, size, n + 1) for size, n in zip(domain.task.size_m, counts, strict=True)]
     field = RegularGridInterpolator(sides, node_level(domain, filtered).reshape([n + 1 for n in counts]))

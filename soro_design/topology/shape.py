@@ -192,6 +192,15 @@ def _place(cut: Contour, key: tuple[int, ...]) -> Array:
 def joined_with_output(domain: Domain, points: Array, cells: Integers) -> Flags:
     """Return which quad4 or tetrahedra share faces with those at the output, or at what is held without one.
 
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    points : ndarray, (n, d)
+        Corners [m].
+    cells : ndarray of int, (c, 4)
+        Quad4 or tetrahedra.
+
     Raises
     ------
     ModelError

@@ -47,7 +47,17 @@ class Stretched(NamedTuple):
 
 
 def stretched(grid: Grid, density: Array, u: Array) -> Stretched:
-    """Return how far a part of densities (e,), displaced by u (n, d) [m], is stretched."""
+    """Return how far a part is stretched.
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    density : ndarray, (e,)
+        Densities of the elements.
+    u : ndarray, (n, d)
+        Displacements [m].
+    """
     cells, slope, hoop = grid.mesh.cells, grid.slope[grid.kind], grid.hoop[grid.kind]
     left, stretch, right = np.linalg.svd(gradients(u[cells], slope, hoop))
     longer = np.maximum(stretch - 1.0, 0.0)

@@ -9,7 +9,7 @@ from soro_design.topology import load_task, make_domain, optimise, reanalyse, sh
 from soro_design.topology.domain import analysis
 from soro_design.topology.mma import mma_step, no_moves
 from soro_design.topology.physics import stroke
-from soro_design.topology.stretch import limit_of, slope_of_mean, stretched
+from soro_design.topology.stretch import slope_of_mean, stretched
 from tests.soro_design.topology.small import bellow, box
 from tests.soro_design.topology.test_design_air import slope_of
 
@@ -86,16 +86,15 @@ def test_a_part_keeps_its_limit_on_the_grid_and_on_its_own_mesh():
     free = bellow(cells=[40, 20], schedule=schedule, stretch_limit=5.0)
     loose = optimise(free)
     before = loose.rows[-1].stretch
-    limit = 1.0 + 0.7 * (before - 1.0)
+    limit = 1.0 + 0.5 * (before - 1.0)
     done = optimise(with_changes(free, stretch_limit=limit))
     row = done.rows[-1]
     domain = make_domain(free)
     own, other = (reanalyse(domain, shape(domain, state)).stretch for state in (done, loose))
     print(f"{before:.3f} -> limit {limit:.3f}, grid {row.stretch:.3f}, own mesh {other:.3f} -> {own:.3f}")
     print(f"motion {1e3 * loose.rows[-1].motion_m:.3f} -> {1e3 * row.motion_m:.3f} mm")
-    assert limit_of(row.stretch, limit) < 0.05
-    assert own <= 1.05 * limit < before
-    assert own < other
+    assert row.stretch <= 1.05 * limit < before
+    assert own <= 1.05 * limit < other
     # Less stretch is not always less motion: the best designs are those of their places.
     assert row.motion_m == pytest.approx(loose.rows[-1].motion_m, rel=0.3)
 

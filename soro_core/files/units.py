@@ -19,6 +19,7 @@ _KINDS: dict[str, tuple[str, dict[str, float]]] = {
     "Pa": ("pressure", {"kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": 6894.757}),
     "kg": ("mass", {"g": 1e-3, "mg": 1e-6}),
     "m": ("length", {"cm": 1e-2, "mm": 1e-3, "um": 1e-6}),
+    "mm": ("length", {"m": 1e3, "cm": 10.0, "um": 1e-3}),
     "s": ("time", {"ms": 1e-3, "us": 1e-6, "min": 60.0, "h": 3600.0}),
     "us": ("time", {"ms": 1e3, "s": 1e6}),
     "Hz": ("frequency", {"kHz": 1e3}),
@@ -55,7 +56,7 @@ _KINDS: dict[str, tuple[str, dict[str, float]]] = {
 _SUFFIXES = {
     **{
         unit.lower(): unit
-        for unit in ("Pa", "kg", "m", "s", "us", "Hz", "rad", "deg", "N", "Nm", "V", "m2", "m3")
+        for unit in ("Pa", "kg", "m", "mm", "s", "us", "Hz", "rad", "deg", "N", "Nm", "V", "m2", "m3")
     },
     "m_s": "m/s",
     "m_s2": "m/s2",

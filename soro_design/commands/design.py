@@ -16,9 +16,12 @@ if TYPE_CHECKING:
     from soro_core.arrays import Array
     from soro_design.topology import FinalPart, OptimiserState, Reanalysis
     from soro_design.topology.domain import Domain
+    from soro_design.topology.lids import LiddedMotion
     from soro_design.topology.widths import Widths
 
 app = typer.Typer(no_args_is_help=True)
+# A part on its own mesh keeps a limit of stretch within this share.
+BEYOND = 1.05
 TASK_FILE, FILM, PICTURE = "task.yaml", "film.gif", "design.png"
 app.command("shape")(shape_command)
 Folder = Annotated[Path, typer.Argument(help="Folder of a run.", exists=True, file_okay=False)]
@@ -116,8 +119,8 @@ def export(
 ) -> None:
     """Write a part as a solid: the final one of a run, with its mirror images, or that of a part file.
 
-    A run becomes an STL file, of a section by --extrude or --revolve. A part file (config/parts) becomes a
-    STEP file of its exact dimensions, or the STL file of its mesh.
+    A run becomes an STL file, of a section by --extrude or --revolve, or with the lids of its task. A part
+    file (config/parts) becomes a STEP file of its exact dimensions, or the STL file of its mesh.
     """
     from soro_design.commands.export_part import export_part, write_surface
 
@@ -139,19 +142,29 @@ def export(
     if extrude is not None and not 0.0 < extrude < float("inf"):
         raise ConfigError("soro design export", "--extrude", extrude, "a height above 0")
     from soro_design.topology import shape
+    from soro_design.topology.lids import lidded_surface
     from soro_design.topology.section import final_surface
 
     domain, state = _loaded(Path(source))
-    space = domain.task.space
+    space, has_lids = domain.task.space, domain.task.lid_mm is not None
     option = "--revolve" if revolve else "--extrude" if extrude is not None else ""
-    if option != {"axisymmetric": "--revolve", "plane_strain": "--extrude", "solid": ""}[space]:
+    if has_lids and option:
+        allowed = "neither --extrude nor --revolve: the task has lid_mm, and its own height"
+        raise ConfigError("soro design export", option, source, allowed)
+    if (
+        not has_lids
+        and option != {"axisymmetric": "--revolve", "plane_strain": "--extrude", "solid": ""}[space]
+    ):
         allowed = "--extrude HEIGHT of one in plane strain, --revolve about an axis, neither of a solid"
         raise ConfigError("soro design export", option or "--extrude", f"a task in {space}", allowed)
     _tell_unfinished(domain, state)
     part = shape(domain, state)
     if part.leak:
         raise ModelError(f"no part to export: {part.leak}", "leak")
-    write_surface(stl, *final_surface(domain.task, part.mesh, extrude or 0.0, pieces))
+    if has_lids:
+        write_surface(stl, *lidded_surface(domain, part.cut))
+    else:
+        write_surface(stl, *final_surface(domain.task, part.mesh, extrude or 0.0, pieces))
 
 
 _HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>6} {'residual':>8} {'kPa':>7}"
@@ -216,6 +229,7 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
     from rich.table import Table
 
     from soro_design.topology import reanalyse, shape
+    from soro_design.topology.lids import reanalyse_with_lids
     from soro_design.topology.pictures import picture
     from soro_design.topology.task import Farthest
     from soro_design.topology.widths import PRINTABLE_M, least_widths
@@ -240,7 +254,17 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
         thin = _width(widths.solid_m, widths.solid_at)
         least = f"at least {1e3 * PRINTABLE_M:g} mm"
         typer.echo(f"soro: a wall or hinge of {thin} tears or is not printed: {least}", err=True)
+    limit = domain.stretch_limit
+    if moved and limit is not None and moved.stretch > BEYOND * limit:
+        told = f"{moved.stretch:.3f} on its own mesh, at most {limit:g}"
+        typer.echo(f"soro: the part does not keep its limit of stretch: {told}", err=True)
     reasons = [reason for reason in (found.leak, moved.cause if moved else "") if reason]
+    if moved and not reasons and domain.task.lid_mm is not None:
+        typer.echo("analysing the part with lids as a solid, up to some minutes")
+        lidded = reanalyse_with_lids(domain, state.filtered, moved.motion_m)
+        for line in _of_lids(domain, lidded):
+            typer.echo(line)
+        reasons += [f"with lids: {lidded.moved.cause}"] if lidded.moved.cause else []
     for reason in reasons:
         typer.echo(f"soro: {reason}", err=True)
     if reasons:
@@ -276,4 +300,22 @@ def _numbers(
         ("motion with spring, grid", f"{1e3 * row.motion_m:.3f} mm"),
         ("motion with spring, own mesh", f"{1e3 * moved.motion_m:.3f} mm ({gap:+.1%})"),
         ("motion without spring, own mesh", f"{1e3 * moved.free_m:.3f} mm"),
+        ("greatest stretch, grid and own mesh", f"{row.stretch:.3f}, {moved.stretch:.3f}{_allowed(domain)}"),
+    ]
+
+
+def _allowed(domain: Domain) -> str:
+    return "" if domain.stretch_limit is None else f", limit {domain.stretch_limit:g}"
+
+
+def _of_lids(domain: Domain, found: LiddedMotion) -> list[str]:
+    """Return lines on what lids take of the motion."""
+    task, motion, section = domain.task, found.moved.motion_m, found.section_m
+    return [
+        f"lids of {1e3 * task.lid_m:g} mm, height {1e3 * task.height_m:g} mm; half of it as "
+        f"{len(found.mesh.cells)} {found.mesh.kind}",
+        f"motion with spring, with lids: {1e3 * motion:.3f} mm, in the middle of the height "
+        f"{1e3 * found.middle_m:.3f} mm; greatest stretch {found.moved.stretch:.3f}",
+        f"of the same section in plane strain, as coarse: {1e3 * section:.3f} mm, so that lids change it by "
+        f"{motion / section - 1.0:+.0%}",
     ]

@@ -14,6 +14,7 @@ from soro_design.fem.backbone import section_poses
 from soro_design.fem.loads import spread_force
 from soro_design.fem.part import Part
 from soro_design.fem.solve.equations import Equations
+from soro_design.fem.solve.stretches import greatest_stretch
 from soro_design.parts.file import LoadSweep, PartFile
 from soro_design.parts.mesh_specimen import MeshSpecimen
 from soro_design.parts.specimen import RingSpecimen, RodSpecimen, make_specimen
@@ -123,20 +124,6 @@ def _settled(part: Part) -> EquilibriumState:
 
 def _with_stretch(part: Part, value: float, u: Array) -> DesignFigures:
     return DesignFigures(value, greatest_stretch(part, u), u)
-
-
-def greatest_stretch(part: Part, u: Array) -> float:
-    """Return the greatest principal stretch at a point of integration.
-
-    Means over elements, as of `strained`, leave out most of what bending adds where few elements lie across
-    a wall.
-    """
-    moved, d = u[part.mesh.cells], u.shape[1]
-    gradient = np.zeros((*part.volume.shape, 3, 3))
-    gradient[..., :d, :d] = np.einsum("eai,egad->egid", moved, part.slope)
-    gradient[..., 2, 2] += np.einsum("ea,ega->eg", moved[:, :, 0], part.hoop)
-    gradient += np.eye(3)
-    return float(np.linalg.norm(gradient, ord=2, axis=(2, 3)).max())
 
 
 def without_shape(found: DesignFigures) -> DesignFigures:

@@ -10,6 +10,7 @@ from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Mesh, SolverSettings, make_part, no_loads, solve
 from soro_design.fem.elements.solid import tables
+from soro_design.fem.solve.stretches import greatest_stretch
 from soro_design.topology.domain import NEAR, Domain, held_nodes, inside, patch
 from soro_design.topology.flood import Flood, flood, thinnest_wall, wet_faces
 from soro_design.topology.optimise import OptimiserState
@@ -32,6 +33,8 @@ class Reanalysis:
         Displacements of both [m], of the last state in equilibrium.
     cause : str
         Why there is no equilibrium, else empty.
+    stretch : float
+        Greatest principal stretch at a point of integration, with the spring.
     """
 
     motion_m: float
@@ -39,6 +42,7 @@ class Reanalysis:
     u: Array
     free_u: Array
     cause: str
+    stretch: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +91,11 @@ class FinalPart:
 
 def shape(domain: Domain, state: OptimiserState) -> FinalPart:
     """Return the final part of a run."""
-    cut = contour(domain, state.filtered)
+    return final_part(domain, contour(domain, state.filtered))
+
+
+def final_part(domain: Domain, cut: Contour) -> FinalPart:
+    """Return the part with a contour."""
     mesh = solid_mesh(domain, cut)
     air = flood(domain, cut)
     wet, outer = wet_faces(domain, cut, air, mesh)
@@ -102,25 +110,56 @@ def reanalyse(domain: Domain, found: FinalPart) -> Reanalysis:
     ModelError
         If the goal is not a motion, or the solid does not reach the output.
     """
-    task, mesh = domain.task, found.mesh
+    return moved_output(domain, found.mesh, found.wet)
+
+
+def moved_output(domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | None = None) -> Reanalysis:
+    """Return how far the output of a mesh moves, with its spring and, without a depth, without it too.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    mesh : Mesh
+        In the space of the task, or a solid of such a depth along z from its plane of symmetry z = 0.
+    wet : ndarray of int, (f, m)
+        Faces that the air presses on.
+    depth_m : float, optional
+        Of a solid for a task in plane strain [m]: its spring is as deep, and what one key `held` holds
+        along x and y it holds along z too.
+
+    Raises
+    ------
+    ModelError
+        If the goal is not a motion, or the solid does not reach the output.
+    """
+    task = domain.task
     goal = task.goal
     if not isinstance(goal, Farthest):
         raise ModelError("a goal without an output has no motion; allowed: goal.kind farthest", "goal")
     near = NEAR * min(domain.grid.edge_m)
+    is_held, along = held_nodes(task, mesh.points, near), np.array(goal.direction)
+    if depth_m is not None:
+        clamped = [one.where for one in task.held if {"x", "y"} <= set(one.along)]
+        is_held[:, 2] = np.any(
+            [mesh.points[:, 2] == 0.0, *(inside(r, mesh.points, near) for r in clamped)], 0
+        )
+        along = np.append(along, 0.0)
     loads = no_loads(mesh)
-    for axis, is_held in enumerate(held_nodes(task, mesh.points, near).T):
-        loads = loads.hold(is_held, axis)
-    if len(found.wet):
+    for axis, of_axis in enumerate(is_held.T):
+        loads = loads.hold(of_axis, axis)
+    if len(wet):
         # The flood has named leaks; the mouth of the inlet is open.
-        loads = loads.press(found.wet, task.schedule.pressure_pa[1], is_patch=True)
-    weights = patch(mesh, inside(goal.output, mesh.points, near), np.array(goal.direction))
+        loads = loads.press(wet, task.schedule.pressure_pa[1], is_patch=True)
+    weights = patch(mesh, inside(goal.output, mesh.points, near), along)
     part = make_part(mesh, goal.law("goal.material"), loads)
     moved, causes = [], []
-    for spring in (goal.spring_pa, 0.0):
+    for spring in (goal.spring_pa, 0.0) if depth_m is None else (goal.spring_pa * depth_m,):
         sprung = part.under(loads.spring(spring * np.abs(weights)))
         done = solve(sprung, settings=SolverSettings(tolerance=1e-8, iterations=20))
         reached = float((weights * done.last.u).sum()) if done.status == "solved" else np.nan
         moved.append((reached, done.last.u))
         causes.append(done.cause)
-    (motion, u), (free, free_u) = moved
-    return Reanalysis(motion, free, u, free_u, "; ".join(cause for cause in causes if cause))
+    (motion, u), (free, free_u) = moved[0], moved[1] if len(moved) > 1 else (np.nan, moved[0][1])
+    cause = "; ".join(cause for cause in causes if cause)
+    return Reanalysis(motion, free, u, free_u, cause, greatest_stretch(part, u))

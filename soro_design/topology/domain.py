@@ -40,6 +40,8 @@ class Domain:
         Directions in which nodes do not move.
     output : ndarray, (n, d)
         Weights of the displacements that make that of the output; 0 where the goal has none.
+    stretch_limit : float or None
+        Greatest principal stretch.
     """
 
     task: Task
@@ -50,6 +52,7 @@ class Domain:
     is_open: Flags
     is_held: Flags
     output: Array
+    stretch_limit: float | None = None
 
     @property
     def is_given(self) -> Flags:
@@ -139,7 +142,16 @@ def make_domain(task: Task, where: str = "task") -> Domain:
         if not (moved & (joined(grid.mesh.cells[is_void], is_inlet) | is_inlet)).any():
             allowed = "elements that leave a way for material from goal.output to the air of the inlet"
             raise ConfigError(where, "void", f"{len(task.void)} regions that part them", allowed)
-    return Domain(task, grid, is_solid, is_void, is_inlet, is_open, is_held, output)
+    limit = _stretch_limit(task, where)
+    return Domain(task, grid, is_solid, is_void, is_inlet, is_open, is_held, output, limit)
+
+
+def _stretch_limit(task: Task, where: str) -> float | None:
+    """The limit of the task, else the stretch at which its material breaks."""
+    if task.stretch_limit is not None or isinstance(task.goal, Stiffest):
+        return task.stretch_limit
+    known = task.goal.law(where).strength
+    return None if known is None else known.break_stretch
 
 
 def _told(region: Box | Disc) -> dict[str, Any]:
@@ -190,7 +202,8 @@ def inside(region: Box | Disc, points: Array, near: float) -> Flags:
             if side is not None:
                 found &= (points[:, k] >= side[0] - near) & (points[:, k] <= side[1] + near)
         return found
-    gap = points - np.asarray(region.centre_m)
+    # Of a solid above a section a disc is a cylinder.
+    gap = points[:, : len(region.centre_m)] - np.asarray(region.centre_m)
     return np.asarray(np.linalg.norm(gap, axis=1) <= region.radius_m + near)
 
 
@@ -251,8 +264,8 @@ def patch(mesh: Mesh, is_there: Flags, along: Array) -> Array:
     """
     faces = mesh.faces_at(np.asarray(is_there))
     weight = np.zeros(len(mesh.points))
-    # Of a triangle of six nodes the mean is that of the middles of its edges.
-    counted = faces[:, 3:] if faces.shape[1] == 6 else faces
+    # With middles of edges the mean is that of these: of a triangle exactly, else of what is linear.
+    counted = faces[:, faces.shape[1] // 2 :] if faces.shape[1] > 4 else faces
     np.add.at(weight, counted, np.linalg.norm(normals(mesh.points, faces), axis=1)[:, None])
     return np.asarray((weight / weight.sum())[:, None] * along / np.linalg.norm(along))
 
@@ -264,8 +277,8 @@ def normals(points: Array, faces: Integers) -> Array:
     ----------
     points : ndarray, (n, d)
         Corners [m].
-    faces : ndarray of int, (f, 2, 4 or 6)
-        Lines, quadrilaterals or triangles with middles, turned outwards.
+    faces : ndarray of int, (f, 2, 4, 6 or 8)
+        Lines, quadrilaterals, triangles with middles or quadrilaterals with them, turned outwards.
     """
     ends = points[faces]
     if faces.shape[1] == 2:

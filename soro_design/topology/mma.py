@@ -1,10 +1,12 @@
-"""The method of moving asymptotes for one constraint (Svanberg 1987), docs/design.md (T10) and (T11)."""
+"""The method of moving asymptotes for a few constraints (Svanberg 1987), docs/design.md (T10) and (T11)."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from soro_core.arrays import Array
 
@@ -15,6 +17,8 @@ CLOSED = 0.1
 # Curvature of its own that each term gets, of the greatest slope.
 CURVATURE = 1e-5
 ROUNDS = 200
+# Of a constraint beyond the first: its greatest price, where no step keeps it, and how exactly it is sought.
+DEAREST, EXACT = 1e4, 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,12 +48,12 @@ def no_moves() -> Moves:
 def mma_step(
     x: Array,
     slope: Array,
-    constraint: float,
-    constraint_slope: Array,
+    constraints: Array,
+    constraint_slopes: Array,
     bounds: tuple[Array, Array],
     moves: Moves,
 ) -> tuple[Array, Moves]:
-    """Return the next variables of: minimise f(x), g(x) <= 0, within bounds.
+    """Return the next variables of: minimise f(x), all g(x) <= 0, within bounds.
 
     Parameters
     ----------
@@ -57,10 +61,10 @@ def mma_step(
         Variables.
     slope : ndarray, (n,)
         Derivative of f; its size plays no part.
-    constraint : float
-        g(x).
-    constraint_slope : ndarray, (n,)
-        Derivative of g.
+    constraints : ndarray, (m,)
+        g(x); the first can always be kept.
+    constraint_slopes : ndarray, (m, n)
+        Derivatives of g.
     bounds : tuple of ndarray, (n,)
         Least and greatest values, which may move with x.
     moves : Moves
@@ -77,18 +81,43 @@ def mma_step(
         high = np.clip(x + factor * (moves.high - moves.before), x + NEAREST * span, x + FARTHEST * span)
     from_, to = np.maximum(least, low + CLOSED * (x - low)), np.minimum(most, high - CLOSED * (high - x))
     p0, q0 = _terms(x, slope / max(float(np.abs(slope).max()), 1e-300), low, high, span)
-    p1, q1 = _terms(x, constraint_slope, low, high, span)
-    rest = constraint - float((p1 / (high - x) + q1 / (x - low)).sum())
+    p, q = np.stack([_terms(x, one, low, high, span) for one in constraint_slopes], axis=1)
+    rest = constraints - (p / (high - x) + q / (x - low)).sum(axis=1)
 
-    def best(price: float) -> Array:
-        up, down = np.sqrt(p0 + price * p1), np.sqrt(q0 + price * q1)
+    def best(prices: list[float]) -> Array:
+        up, down = (np.sqrt(zero + np.asarray(prices) @ one) for zero, one in ((p0, p), (q0, q)))
         return np.asarray(np.clip((low * up + high * down) / (up + down), from_, to))
 
-    def left(price: float) -> float:
-        at = best(price)
-        return rest + float((p1 / (high - at) + q1 / (at - low)).sum())
+    def left(k: int, prices: list[float]) -> float:
+        at = best(prices)
+        return float(rest[k] + (p[k] / (high - at) + q[k] / (at - low)).sum())
 
-    # The constraint falls with its price: the multiplier is where it is just kept.
+    def priced(later: list[float]) -> list[float]:
+        """All prices, with those of the last constraints given: a constraint falls with its price."""
+        k = len(rest) - len(later) - 1
+        if k < 0:
+            return later
+        if k == 0:
+            exact = 1e-9 if later else 1e-14
+            return [_price(lambda price: left(0, [price, *later]), exact), *later]
+
+        def kept(price: float) -> float:
+            return left(k, priced([price, *later]))
+
+        if kept(0.0) <= 0.0:
+            return priced([0.0, *later])
+        dear = 1.0
+        while kept(dear) > 0.0:
+            if dear >= DEAREST:
+                return priced([dear, *later])
+            dear *= 10.0
+        return priced([brentq(kept, 0.0, dear, xtol=EXACT * dear, rtol=EXACT), *later])
+
+    return best(priced([])), Moves(x, moves.before, low, high)
+
+
+def _price(left: Callable[[float], float], exact: float) -> float:
+    """The least price from 0 at which what is left of a constraint is not above 0."""
     cheap, dear = 0.0, 1.0
     while left(dear) > 0.0 and dear < 1e12:
         cheap, dear = dear, 4.0 * dear
@@ -98,10 +127,9 @@ def mma_step(
             cheap = middle
         else:
             dear = middle
-        if dear - cheap <= 1e-14 * dear:
+        if dear - cheap <= exact * dear:
             break
-    price = dear if left(cheap) > 0.0 else cheap
-    return best(price), Moves(x, moves.before, low, high)
+    return dear if left(cheap) > 0.0 else cheap
 
 
 def _terms(x: Array, slope: Array, low: Array, high: Array, span: Array) -> tuple[Array, Array]:

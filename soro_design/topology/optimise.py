@@ -21,6 +21,7 @@ from soro_design.topology.physics.filter import density_filter, greyness, projec
 from soro_design.topology.physics.grid import Evaluation, place_text
 from soro_design.topology.physics.stroke import Stroke
 from soro_design.topology.shape import contour
+from soro_design.topology.stretch import WATCHED, limit_of, slope_of_mean, stretched
 from soro_design.topology.task import Task
 
 # Where there is no equilibrium the pressure is lowered so often by this factor, and rises again by the other.
@@ -55,6 +56,8 @@ class IterationRow:
         Of the schedule.
     eased : float
         Pressure over that of the schedule.
+    stretch : float
+        Greatest principal stretch of the part, NaN where the task has no limit of it.
     """
 
     iteration: int
@@ -67,6 +70,7 @@ class IterationRow:
     penalty: float
     sharpness: float
     eased: float
+    stretch: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,9 +224,16 @@ def _iterate(
     least[domain.is_given] = most[domain.is_given] = x[domain.is_given]
     limit = task.volume_fraction
     by_volume = weights.T @ (share * slope) / limit
-    following, moves = mma_step(
-        x, weights.T @ (at.gradient * slope), volume / limit - 1.0, by_volume, (least, most), state.moves
-    )
+    limits, slopes, stretch = [volume / limit - 1.0], [by_volume], np.nan
+    if domain.stretch_limit is not None and isinstance(found, Stroke):
+        here = stretched(domain.grid, density, at.u)
+        stretch, beyond = here.greatest, limit_of(here.greatest, domain.stretch_limit)
+        if beyond > WATCHED - 1.0 and here.mean > 0.0:
+            by_density = slope_of_mean(found, penalty, pressure, density, at)
+            limits.append(beyond)
+            slopes.append(weights.T @ (by_density * slope) * (1.0 + beyond) / here.mean)
+    by_x = weights.T @ (at.gradient * slope)
+    following, moves = mma_step(x, by_x, np.array(limits), np.array(slopes), (least, most), state.moves)
     row = IterationRow(
         k + 1,
         at.objective,
@@ -234,6 +245,7 @@ def _iterate(
         penalty,
         sharpness,
         eased,
+        stretch,
     )
     frame = np.round(TONES * density).astype(np.uint8)
     return OptimiserState(

@@ -51,13 +51,17 @@ class Contour:
 
 def contour(domain: Domain, filtered: Array) -> Contour:
     """Return the contour of the filtered densities (e,) at the threshold of the projection."""
+    return snapped(domain.grid, node_level(domain, filtered))
+
+
+def node_level(domain: Domain, filtered: Array) -> Array:
+    """Return the mean density of the elements about each node (n,), less the threshold of the projection."""
     grid = domain.grid
     density = np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, filtered))
-    # Mean of the elements about a node.
     total, count = (
         grid.gathered(np.repeat(one, grid.mesh.cells.shape[1])) for one in (density, np.ones_like(density))
     )
-    return snapped(grid, total / count - domain.task.schedule.threshold)
+    return np.asarray(total / count - domain.task.schedule.threshold)
 
 
 def snapped(grid: Grid, level: Array) -> Contour:
@@ -109,6 +113,21 @@ def solid_mesh(domain: Domain, cut: Contour) -> Mesh:
     if domain.task.space == "solid":
         corners, tets = cut_tetrahedra(tetrahedra(grid), cut.points, cut.level)
         return _wanted(domain, corners, turned(corners, tets))
+    return _wanted(domain, *cut_quads(grid, cut)[:2])
+
+
+def cut_quads(grid: Grid, cut: Contour, is_filled: Flags | None = None) -> tuple[Array, Integers, Flags]:
+    """Return points (n, 2) and quad4 (q, 4) of the solid of a section, and which quad4 are filled void (q,).
+
+    Parameters
+    ----------
+    grid : Grid
+        The grid.
+    cut : Contour
+        Border of the solid.
+    is_filled : ndarray of bool, (n,), optional
+        Nodes of void that is divided into quad4 too, which fit those of the solid; default: none.
+    """
     points: list[Array] = []
     numbers: dict[tuple[int, ...], int] = {}
 
@@ -119,19 +138,28 @@ def solid_mesh(domain: Domain, cut: Contour) -> Mesh:
         return numbers[key]
 
     quads: list[list[int]] = []
-    bridged = is_bridged(cut.level, grid.mesh.cells)
-    for e in np.flatnonzero((cut.level[grid.mesh.cells] > 0.0).any(axis=1)):
-        for part, polygon in enumerate(_polygons(cut, grid.mesh.cells[e], bool(bridged[e]))):
-            places = [_place(cut, key) for key in polygon]
-            n = len(polygon)
-            centre = number((-1, int(e), part, 0, 0), np.mean(places, axis=0))
-            corner = [number(key, place) for key, place in zip(polygon, places, strict=True)]
-            middle = []
-            for k in range(n):
-                low, high = sorted((polygon[k], polygon[(k + 1) % n]))
-                middle.append(number((*low, *high), 0.5 * (places[k] + places[(k + 1) % n])))
-            quads += [[corner[k], middle[k], centre, middle[k - 1]] for k in range(n)]
-    return _wanted(domain, np.array(points), np.array(quads, dtype=np.int64).reshape(-1, 4))
+    is_void: list[bool] = []
+    cells, bridged = grid.mesh.cells, is_bridged(cut.level, grid.mesh.cells)
+    sides = [(cut, cut.level > 0.0, bridged)]
+    if is_filled is not None:
+        void = Contour(cut.points, -cut.level)
+        sides.append((void, is_filled, ~bridged))
+    for side, (of, is_wanted, is_joined) in enumerate(sides):
+        for e in np.flatnonzero(is_wanted[cells].any(axis=1)):
+            for part, polygon in enumerate(_polygons(of, cells[e], bool(is_joined[e]))):
+                if not any(is_wanted[a] for a, b in polygon if a == b):
+                    continue
+                places = [_place(of, key) for key in polygon]
+                n = len(polygon)
+                centre = number((-1, int(e), part, side, 0), np.mean(places, axis=0))
+                corner = [number(key, place) for key, place in zip(polygon, places, strict=True)]
+                middle = []
+                for k in range(n):
+                    low, high = sorted((polygon[k], polygon[(k + 1) % n]))
+                    middle.append(number((*low, *high), 0.5 * (places[k] + places[(k + 1) % n])))
+                quads += [[corner[k], middle[k], centre, middle[k - 1]] for k in range(n)]
+                is_void += [bool(side)] * n
+    return np.array(points), np.array(quads, dtype=np.int64).reshape(-1, 4), np.array(is_void, dtype=bool)
 
 
 def _polygons(cut: Contour, cell: Integers, is_bridged: bool) -> list[list[tuple[int, ...]]]:
@@ -161,8 +189,23 @@ def _place(cut: Contour, key: tuple[int, ...]) -> Array:
     return np.asarray(cut.points[a] + share * (cut.points[b] - cut.points[a]))
 
 
-def _wanted(domain: Domain, points: Array, cells: Integers) -> Mesh:
-    """The quad4 or tetrahedra that share faces with those at the output, or at what is held."""
+def joined_with_output(domain: Domain, points: Array, cells: Integers) -> Flags:
+    """Return which quad4 or tetrahedra share faces with those at the output, or at what is held without one.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    points : ndarray, (n, d)
+        Corners [m].
+    cells : ndarray of int, (c, 4)
+        Quad4 or tetrahedra.
+
+    Raises
+    ------
+    ModelError
+        If there is none.
+    """
     if len(cells) == 0:
         raise ModelError("the design holds no solid", "density")
     corners = np.array(_SIDES[domain.task.space])
@@ -176,7 +219,11 @@ def _wanted(domain: Domain, points: Array, cells: Integers) -> Mesh:
     is_there = (gap < 0.5 * min(domain.grid.edge_m))[cells].any(axis=1)
     if not is_there.any():
         raise ModelError("the design holds no solid at the output", "goal.output")
-    used, numbers = np.unique(cells[np.isin(label, np.unique(label[is_there]))], return_inverse=True)
+    return np.asarray(np.isin(label, np.unique(label[is_there])))
+
+
+def _wanted(domain: Domain, points: Array, cells: Integers) -> Mesh:
+    used, numbers = np.unique(cells[joined_with_output(domain, points, cells)], return_inverse=True)
     kept, found = numbers.reshape(-1, 4), points[used]
     if domain.task.space == "solid":
         return make_mesh("tet10", "solid", *refined(found, kept)[:2])

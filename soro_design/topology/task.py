@@ -194,6 +194,10 @@ class Task(Strict):
         Field(strict=False, description="what the iterations begin with; elsewhere volume_fraction"),
     ] = ()
     volume_fraction: Annotated[Share, Field(description="greatest share of the volume that is solid")]
+    stretch_limit: Annotated[
+        float | None,
+        Field(gt=1.0, description="greatest principal stretch; else that at which the material breaks"),
+    ] = None
     filter_radius_m: Annotated[Positive, Field(description="of the density filter")]
     void_stiffness: Annotated[Share, Field(description="stiffness of void over that of solid")] = 1e-6
     air: Annotated[AirPermeability, Field(description="how air passes solid and void")]
@@ -202,11 +206,21 @@ class Task(Strict):
         tuple[Axis, ...],
         Field(strict=False, description="directions in which the part goes on behind 0, as its image"),
     ] = ()
+    lid_mm: Annotated[
+        Positive | None,
+        Field(description="thickness of the solid that closes either end of a part in plane strain"),
+    ] = None
+    height_mm: Annotated[
+        Positive | None,
+        Field(description="along z, of a part with lids, these among it; else its least length along x or y"),
+    ] = None
 
     @model_validator(mode="after")
     def _fits(self) -> Task:
         if self.space != "plane_strain" and isinstance(self.goal, Stiffest):
             raise ValueError("goal farthest about an axis and of a solid; stiffest is for plane stress")
+        if self.stretch_limit is not None and isinstance(self.goal, Stiffest):
+            raise ValueError("stretch_limit with goal farthest alone: stiffest is linear")
         d = 3 if self.space == "solid" else 2
         for name, found in (("size_m", self.size_m), ("cells", self.cells), *self._vectors()):
             if len(found) != d:
@@ -215,6 +229,33 @@ class Task(Strict):
         if d == 2 and ("z" in along or any(isinstance(r, Box) and r.z_m for r in self._regions())):
             raise ValueError("z in space solid alone")
         return self
+
+    @model_validator(mode="after")
+    def _lids_fit(self) -> Task:
+        if self.lid_mm is None:
+            if self.height_mm is not None:
+                raise ValueError("height_mm with lid_mm alone; another part takes --extrude")
+            return self
+        if self.space != "plane_strain" or isinstance(self.goal, Stiffest):
+            raise ValueError("lid_mm in space plane_strain with goal farthest alone")
+        if 2.0 * self.lid_mm >= 1e3 * self.height_m:
+            raise ValueError(
+                f"lid_mm {self.lid_mm:g} below half the height of the part, {500.0 * self.height_m:g} mm"
+            )
+        return self
+
+    @property
+    def lid_m(self) -> float:
+        """Thickness of a lid [m], 0 without."""
+        return 1e-3 * (self.lid_mm or 0.0)
+
+    @property
+    def height_m(self) -> float:
+        """Height of a part with lids along z [m]."""
+        if self.height_mm is not None:
+            return 1e-3 * self.height_mm
+        sides = zip("xyz", self.size_m, strict=False)
+        return min(size * (2.0 if axis in self.mirrors else 1.0) for axis, size in sides)
 
     def _regions(self) -> Iterator[Region]:
         yield from (self.inlet, *self.open, *self.solid, *self.void)

@@ -7,8 +7,9 @@ from soro_design.topology import task_from_dict
 
 
 def bellow(**changes):
-    """Return the shipped bellow on a coarse grid; a mapping without a kind replaces some of the keys."""
+    """Return the shipped bellow on a coarse grid, no lids; a mapping without a kind replaces some keys."""
     data = read_yaml(config_folder() / "design" / "bellow.yaml")
+    del data["lid_mm"], data["height_mm"]
     data |= {"cells": [24, 12], "filter_radius_m": 0.0018}
     data["schedule"] |= {"iterations": 14, "ramp": 8, "pressure_pa": [5e2, 1e3]}
     data["goal"]["energy_exponent"] = 0.7

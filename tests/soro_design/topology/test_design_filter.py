@@ -49,7 +49,7 @@ def test_moving_asymptotes_find_the_lightest_cantilever():
     bounds = (np.full(5, 1.0), np.full(5, 10.0))
     for _ in range(25):
         constraint, slope = (c / x**3).sum() - 1.0, -3.0 * c / x**4
-        x, moves = mma_step(x, np.full(5, 0.0624), constraint, slope, bounds, moves)
+        x, moves = mma_step(x, np.full(5, 0.0624), np.array([constraint]), slope[None], bounds, moves)
     assert x == pytest.approx(least, rel=1e-5)
     assert (c / x**3).sum() <= 1.0 + 1e-9
     assert 0.0624 * x.sum() == pytest.approx(1.340, abs=5e-4)
@@ -59,7 +59,9 @@ def test_moving_asymptotes_stay_within_bounds_and_recover_from_a_broken_constrai
     x, moves = np.full(6, 0.9), no_moves()
     for _ in range(30):
         bounds = (np.maximum(x - 0.1, 0.0), np.minimum(x + 0.1, 1.0))
-        x, moves = mma_step(x, -np.arange(1.0, 7.0), x.mean() / 0.5 - 1.0, np.full(6, 1 / 3.0), bounds, moves)
+        x, moves = mma_step(
+            x, -np.arange(1.0, 7.0), np.array([x.mean() / 0.5 - 1.0]), np.full((1, 6), 1 / 3.0), bounds, moves
+        )
         assert (x >= bounds[0] - 1e-12).all()
         assert (x <= bounds[1] + 1e-12).all()
     assert x == pytest.approx([0, 0, 0, 1, 1, 1], abs=1e-3)

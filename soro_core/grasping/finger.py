@@ -1,4 +1,4 @@
-"""What a finger feels: the force that keeps its model where its pose is measured, under measured pressures."""
+"""What a finger feels: the force between its measured pose and its free one, by its model."""
 
 from __future__ import annotations
 

@@ -64,8 +64,8 @@ class SqueezeState:
     smooth : tuple of (ndarray or None)
         Low-passed coordinates and pressures of each finger in one.
     height_m : ndarray (2,)
-        Height of the object over the fingers' places of touch, behind one low-pass and behind two [m]; nan where
-        it is not tracked.
+        Height of the object over the fingers' places of touch, behind one low-pass and behind two [m]; nan
+        where it is not tracked.
     held_n : float
         Mean squeeze since the pressures hold [N].
     since_s : float
@@ -156,6 +156,8 @@ class Squeeze:
         s, n = self.settings, len(self.fingers)
         if len(felt.q) != n or len(felt.pressure_pa) != n:
             raise ConfigError("felt", "q, pressure_pa", (len(felt.q), len(felt.pressure_pa)), f"{n} fingers")
+        if felt.height_m is not None and not np.isfinite(felt.height_m):
+            raise ConfigError("felt", "height_m", felt.height_m, "a finite number, or None")
         new = dt / (s.filter_s + dt)
         smooth, force, across, along, touches = (
             [],

@@ -179,8 +179,8 @@ def run(options: Options) -> str:
     pressures = ", ".join(f"{1e-3 * p:g}" for p in BRUTE_PA)
     return (
         "Three fingers of one link with poses of 0.1 mm of noise, whose stiffness is up to "
-        f"{100 * STIFFNESS:g} % from the model's; objects of 5 to 60 g, mu 0.3 to 1, {1e3 * OFF_M:g} mm or less "
-        "along x and y from the middle, on a table that sinks 8 mm in 8 s and is gone a second later. "
+        f"{100 * STIFFNESS:g} % from the model's; objects of 5 to 60 g, mu 0.3 to 1, {1e3 * OFF_M:g} mm or "
+        "less along x and y from the middle, on a table that sinks 8 mm in 8 s and is gone a second later. "
         f"Holdable: one of {pressures} kPa in all fingers holds it. Sums of normal forces: of objects "
         f"that are held; median, largest, how many are above 1.3.\n\n{table(['', ''], rows)}"
     )

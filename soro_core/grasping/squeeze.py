@@ -8,13 +8,13 @@ Wong and Zhu, doi 10.3389/frobt.2026.1735467; they see the slip by tactile senso
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
 
-from soro_core.arrays import Array
+from soro_core.arrays import Array, Flags
 from soro_core.errors import ConfigError
 from soro_core.frozen import replaced
 from soro_core.grasping.finger import Finger
@@ -80,7 +80,7 @@ class SqueezeState:
 
     phase: Phase
     level_pa: Array
-    touches: Array
+    touches: Flags
     force_n: Array
     along_n: Array
     goal_n: float
@@ -112,12 +112,21 @@ class Squeeze:
         if len(fingers) < 2:
             raise ConfigError("hand", "fingers", len(fingers), "two or more")
         self.fingers, self.settings = tuple(fingers), settings
+        self._steps: dict[Phase, Callable[[SqueezeState, float], SqueezeState]] = {
+            "open": lambda state, dt: state,
+            "closing": self._closing,
+            "touching": self._closing,
+            "squeezing": self._squeezing,
+            "holding": self._holding,
+            "slipping": self._slipping,
+            "opening": self._opening,
+        }
 
     def initial_state(self) -> SqueezeState:
         """Return the state of an open hand."""
         n, s = len(self.fingers), self.settings
         none, nan = np.zeros(n), np.full(2, np.nan)
-        return SqueezeState("open", none, none > 0.0, none, none, s.force_n, (None,) * n, nan)
+        return SqueezeState("open", none, np.zeros(n, dtype=bool), none, none, s.force_n, (None,) * n, nan)
 
     def pressures(self, state: SqueezeState) -> list[Array]:
         """Return the pressures that are wanted of each finger, (n_u,) [Pa gauge]."""
@@ -148,8 +157,8 @@ class Squeeze:
         elif state.phase == "open" and not state.cause:
             state = _begin(state, "closing", goal_n=self.settings.force_n)
         elif state.phase == "opening" and not state.cause:
-            state = _begin(state, "closing", touches=state.touches & False)
-        return getattr(self, f"_{state.phase}")(state, dt)
+            state = _begin(state, "closing", touches=np.zeros_like(state.touches))
+        return self._steps[state.phase](state, dt)
 
     def _feel(self, state: SqueezeState, felt: Felt, dt: float) -> SqueezeState:
         """Return the state with the forces that the fingers feel, and with how the object moves."""
@@ -159,20 +168,13 @@ class Squeeze:
         if felt.height_m is not None and not np.isfinite(felt.height_m):
             raise ConfigError("felt", "height_m", felt.height_m, "a finite number, or None")
         new = dt / (s.filter_s + dt)
-        smooth, force, across, along, touches = (
-            [],
-            np.zeros(n),
-            np.zeros(n),
-            np.zeros(n),
-            state.touches.copy(),
-        )
-        places = list[float]()
+        force, across, along = np.zeros(n), np.zeros(n), np.full(n, np.nan)
+        smooth, places, touches = list[Array | None](), list[float](), state.touches.copy()
         for i, (one, q, p, last) in enumerate(
             zip(self.fingers, felt.q, felt.pressure_pa, state.smooth, strict=True)
         ):
             if q is None:
                 force[i] = across[i] = (state.level_pa[i] - s.touch_pa) / s.pa_per_n
-                along[i] = np.nan
                 smooth.append(None)
                 touches[i] |= state.level_pa[i] >= s.touch_pa
                 continue
@@ -190,7 +192,8 @@ class Squeeze:
         # Fingers get longer, and what sticks to them goes with them.
         below = float(np.mean(places)) if places else 0.0
         height = np.full(2, np.nan if felt.height_m is None else felt.height_m - below)
-        if np.isfinite(state.height_m).all():
+        is_as_before = [row is None for row in smooth] == [row is None for row in state.smooth]
+        if is_as_before and np.isfinite(state.height_m).all():
             first = state.height_m[0] + new * (height[0] - state.height_m[0])
             height = np.array([first, state.height_m[1] + new * (first - state.height_m[1])])
         looks = state.phase in ("closing", "touching") and state.felt_s > _SETTLED * s.filter_s
@@ -206,9 +209,6 @@ class Squeeze:
             most_n=float(across.max()),
         )
 
-    def _open(self, state: SqueezeState, dt: float) -> SqueezeState:
-        return state
-
     def _closing(self, state: SqueezeState, dt: float) -> SqueezeState:
         """Close each finger until it touches."""
         s = self.settings
@@ -221,8 +221,6 @@ class Squeeze:
             return _begin(state, "opening", cause="a finger has met nothing")
         level = np.where(state.touches, state.level_pa, state.level_pa + dt * s.close_pa_s)
         return self._limited(state, level, dt)
-
-    _touching = _closing
 
     def _squeezing(self, state: SqueezeState, dt: float) -> SqueezeState:
         """Raise all pressures together: fingers that each keep a force of their own push the object away."""
@@ -245,9 +243,9 @@ class Squeeze:
     def _slipping(self, state: SqueezeState, dt: float) -> SqueezeState:
         """Squeeze harder, by a factor each time, for as long as it slips."""
         s, mean = self.settings, float(state.force_n.mean())
+        if not self._slips(state):
+            return _begin(state, "holding", held_n=mean)
         if state.since_s >= s.slip_s:
-            if not self._slips(state):
-                return _begin(state, "holding", held_n=mean)
             if state.force_n.max() < s.touch_n:
                 return _begin(state, "opening", cause="the object is gone")
             state = self._harder(state)
@@ -257,7 +255,7 @@ class Squeeze:
     def _opening(self, state: SqueezeState, dt: float) -> SqueezeState:
         level = np.maximum(state.level_pa - dt * self.settings.close_pa_s, 0.0)
         state = replaced(state, level_pa=level)
-        return state if level.any() else _begin(state, "open", touches=state.touches & False)
+        return state if level.any() else _begin(state, "open", touches=np.zeros_like(state.touches))
 
     def _slips(self, state: SqueezeState) -> bool:
         """Whether the object moves down, or has taken force away from the fingers."""

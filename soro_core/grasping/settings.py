@@ -26,7 +26,9 @@ class SqueezeSettings(Strict):
     filter_s: float = Field(
         0.1, gt=0, description="time constant of poses and pressures, and of a step to a force [s]"
     )
-    slip_factor: float = Field(1.1, gt=1, le=2, description="by which the force rises where the object slips")
+    slip_factor: float = Field(
+        1.06, gt=1, le=2, description="by which the force rises where the object slips"
+    )
     slip_s: float = Field(0.2, gt=0, description="between two such rises [s]")
     slip_m_s: float = Field(5e-4, gt=0, description="speed of a tracked object that is a slip [m/s]")
     slip_part: float = Field(

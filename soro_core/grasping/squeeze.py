@@ -243,9 +243,9 @@ class Squeeze:
     def _slipping(self, state: SqueezeState, dt: float) -> SqueezeState:
         """Squeeze harder, by a factor each time, for as long as it slips."""
         s, mean = self.settings, float(state.force_n.mean())
-        if not self._slips(state):
-            return _begin(state, "holding", held_n=mean)
         if state.since_s >= s.slip_s:
+            if not self._slips(state):
+                return _begin(state, "holding", held_n=mean)
             if state.force_n.max() < s.touch_n:
                 return _begin(state, "opening", cause="the object is gone")
             state = self._harder(state)

@@ -9,12 +9,14 @@ import numpy as np
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
 
+from soro_core.arrays import Array
 from soro_core.robot import load_robot
 from soro_core.twin.config import ShadowConfig
 from soro_core.twin.shadow import DIFFERENCES, PoseDifference, Shadow, ShadowState
 from soro_ros.conversion import messages, qos
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
+from soro_ros.topics.chambers import on_readings
 from soro_ros.topics.diagnostics import OK, WARN
 from soro_ros.topics.frame_check import FrameCheck
 
@@ -44,7 +46,7 @@ class ShadowNode(SoroNode[ShadowConfig]):
         self._tip = self.create_publisher(PoseStamped, "arm/shadow/tip", qos.RELIABLE)
         self._arm = self.create_publisher(JointState, "arm/shadow/state", qos.RELIABLE)
         self._difference = self.create_publisher(JointState, "arm/shadow/difference", qos.RELIABLE)
-        self.create_subscription(JointState, "chambers/state", self._on_pressures, qos.SENSOR)
+        on_readings(self, self._names, qos.SENSOR, self._on_pressures)
         self.create_subscription(PoseStamped, "sensors/pose0", self._on_pose, qos.SENSOR)
 
     def _warm_up(self) -> None:
@@ -53,14 +55,9 @@ class ShadowNode(SoroNode[ShadowConfig]):
         state = shadow.advance(ShadowState(), 0, zero)
         shadow.advance(state, round(1e9 / self._config.rate_hz), zero)
 
-    def _on_pressures(self, message: JointState) -> None:
-        try:
-            pressure = messages.readings(message, self._names)
-        except ValueError as error:
-            self.get_logger().warning(f"chambers/state refused: {error}", throttle_duration_sec=1.0)
-            return
+    def _on_pressures(self, stamp_ns: int, pressure_pa: Array) -> None:
         before = self._state.twin
-        self._state = self._shadow.advance(self._state, messages.to_ns(message.header.stamp), pressure)
+        self._state = self._shadow.advance(self._state, stamp_ns, pressure_pa)
         if self._state.twin is None or self._state.twin is before:
             return
         arm = self._state.twin.arm

@@ -13,26 +13,24 @@ from functools import partial
 
 import numpy as np
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
-from soro_core.pneumatics import ValveAction, healthy
 from soro_core.robot import load_robot
 from soro_core.safety import Limiter, check_rating, narrowed, rating_of
 from soro_core.safety.vent_check import REST_S, empty_since
 from soro_core.twin import Twin, TwinConfig, TwinState
 from soro_core.twin.shadow import beginning, between
 from soro_core.twin.world import ArmWorld
-from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClient
-from soro_ros.conversion import messages, qos
+from soro_ros.conversion import qos
 from soro_ros.host import claims
 from soro_ros.process import command_line
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_nodes
 from soro_ros.run.faults import FaultInterface
-from soro_ros.topics.chambers import ChamberInterface
+from soro_ros.ticks.valve_drive import ValveDrive
+from soro_ros.topics.chambers import ChamberInterface, on_readings
 from soro_ros.topics.diagnostics import OK, OVER
 from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.twin_topics import BaseTopic, BodyTopics, PushTopic, TwinTopics
@@ -41,8 +39,6 @@ from soro_ros.topics.twin_topics import BaseTopic, BodyTopics, PushTopic, TwinTo
 CATCH_UP_TICKS = 20
 # Longest gap between measured pressures that the twin bridges; behind a longer one it begins at rest [ns].
 GAP_NS = 10_000_000_000
-# Longest wait for a frame of the valves in lockstep, during which the node serves no request.
-LINK_WAIT_S = 0.05
 
 
 class TwinNode(SoroNode[TwinConfig]):
@@ -51,7 +47,7 @@ class TwinNode(SoroNode[TwinConfig]):
     config_model = TwinConfig
     node_name = "twin"
     live = ("limits.",)
-    _link: PlantLinkClient | None = None
+    _valves: ValveDrive | None = None
     _faults: FaultInterface | None = None
     _bodies: BodyTopics | None = None
 
@@ -78,22 +74,17 @@ class TwinNode(SoroNode[TwinConfig]):
         robot = self._robot = load_robot(config.robot)
         self._config, self._lockstep = config, config.mode == "lockstep"
         self._twin = Twin(robot, config)
-        # The emulated valves report their action, and receive the pressures that result.
-        self._moves_air = config.pressures == "valves" and config.air == "states"
         self._names = robot.chamber_names
         self.compile(self._warm_up)
         # Changes of the payload wait for ~/start, with which `soro run` begins control.
-        self._state = replace(self._twin.initial(), start_tick=None)
+        self.state = replace(self._twin.initial(), start_tick=None)
         self._period_ns = round(1e9 / config.rate_hz)
         self._epoch_ns = 0
         self._observed = -1
         self._slewed_ns: int | None = None
         self._skipped = 0
-        self._running = self._is_over = False
+        self.is_started = self._is_over = False
         self._empty_ns: int | None = None
-        self._first: PlantFrame | None = None
-        self._frame: PlantFrame | None = None  # of the tick that waits for other arms
-        self._of_valves = list(config.plant_chambers) or slice(None)
         self._reading_pa: Array = np.full(len(self._names), np.nan)  # those of the last tick; before it none
         self._is_commanded = config.pressures == "regulators"
         loop = qos.REPLAYED if config.pressures == "measured" else qos.loop(self._lockstep)
@@ -121,16 +112,13 @@ class TwinNode(SoroNode[TwinConfig]):
                 self.event_log.note,
             )
         elif config.pressures == "valves":
-            self._link = PlantLinkClient(config.plant_link)
-            if (n := self._pressures(self._link.join(moves_air=False)).size) != len(self._names):
-                allowed = f"valves of {len(self._names)} chambers, as {robot.name} has, not of {n}"
-                raise ConfigError("parameters of twin", "plant_link", config.plant_link, allowed)
+            self._valves = ValveDrive(robot, self._twin, config)
             if config.fault_link:
                 self._faults = FaultInterface(self, config.fault_link)
         else:
             self._measured: tuple[int, Array] | None = None
             self._bridged = 0
-            self.create_subscription(JointState, "chambers/state", self._on_measured, qos.REPLAY)
+            on_readings(self, self._names, qos.REPLAY, self._on_measured)
         self._mates = [self]
         if config.bodies_file:
             self._join_bodies(config, loop)
@@ -181,7 +169,7 @@ class TwinNode(SoroNode[TwinConfig]):
             self._begin()
 
     def stop(self) -> None:
-        self._running = False
+        self.is_started = False
         self._release_air()
 
     def take(self, config: TwinConfig) -> None:
@@ -191,26 +179,26 @@ class TwinNode(SoroNode[TwinConfig]):
         self._limiter.narrow(narrowed(self._config.limits, config.limits, "parameters of twin"))
 
     def teardown(self) -> None:
-        for client in (self._link, self._faults):
+        for client in (self._valves, self._faults):
             if client is not None:
                 client.close()
-        self._link = self._faults = None
+        self._valves = self._faults = None
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._state.start_tick is None:
-            self._state = replace(self._state, start_tick=self._state.tick)
-        if not self._running:
+        if self.state.start_tick is None:
+            self.state = replace(self.state, start_tick=self.state.tick)
+        if not self.is_started:
             self._begin()
         response.success, response.message = True, "running"
         return response
 
     def _begin(self) -> None:
-        self._running = True
+        self.is_started = True
         if self._config.pressures == "measured":
             return
         if self._lockstep:
             self._world.begin()
-            if self._link is not None:
+            if self._valves is not None:
                 # The executor does not watch the socket of the valves; each call waits for one frame.
                 self.every(1e-4, self._advance_with_valves)
             else:
@@ -221,29 +209,16 @@ class TwinNode(SoroNode[TwinConfig]):
                 # Time continues at the last tick.
                 arm._epoch_ns = self.get_clock().now().nanoseconds - arm._tick_ns()
                 arm._skipped = 0
-            self._start_s = time.perf_counter() - self._state.tick / self._config.rate_hz
+            self._start_s = time.perf_counter() - self.state.tick / self._config.rate_hz
             self.every(1.0 / self._config.rate_hz, self._advance_real_time)
 
-    @property
-    def state(self) -> TwinState:
-        return self._state
-
-    @property
-    def is_started(self) -> bool:
-        return self._running
-
     def join(self) -> None:
-        if self._link is not None:
-            present = self._pressures(self._link.join(self._moves_air))
-            self._state = self._twin.at_pressures(self._state, present)
-
-    def _pressures(self, frame: PlantFrame) -> Array:
-        """Return the pressures of this arm's chambers among those of the valves."""
-        return frame.pressures[self._of_valves] if frame.pressures.size else frame.pressures
+        if self._valves is not None:
+            self.state = self._valves.join(self.state)
 
     # Time -----------------------------------------------------------------------------------------
     def _tick_ns(self) -> int:
-        return self._state.tick * self._period_ns
+        return self.state.tick * self._period_ns
 
     def _now_ns(self) -> int:
         return self._tick_ns() if self._lockstep else time.monotonic_ns()
@@ -257,42 +232,27 @@ class TwinNode(SoroNode[TwinConfig]):
             self._release_air()
 
     def is_due(self) -> bool:
-        if not self._running or self._over():
+        if not self.is_started or self._over():
             return False
-        if self._link is None:
+        if self._valves is None:
             answered_ns = self._tick_ns() - self._period_ns
             if self._slewed_ns is None and (answered_ns < 0 or self._chambers.seen_ns >= answered_ns):
                 self._begin_tick()  # at once: while other arms are waited for, the next command may come
             return self._slewed_ns is not None
-        self._frame = self._frame or self._link.wait(LINK_WAIT_S)
-        return self._frame is not None
+        return self._valves.wait()
 
     def step(self) -> None:
-        if self._link is None or self._frame is None:
+        if self._valves is None:
             self._end_tick()
-            return
-        frame, self._frame = self._frame, None
-        if self._lockstep:
-            self._check_period(frame)
-        self._step_with_valves(self._link, frame)
+        else:
+            self.arrive(self._valves.step(self.state))
 
     def show(self) -> None:
         self._observe()
 
-    def _check_period(self, frame: PlantFrame) -> None:
-        """Refuse valves whose cycle differs from a tick: their answers would come at other times."""
-        if self._first is None:
-            self._first = frame
-        elif frame.sequence == self._first.sequence + 1:
-            cycle_ns = frame.time_ns - self._first.time_ns
-            if abs(cycle_ns - self._period_ns) > 1:
-                allowed = f"{1e9 / cycle_ns:g}, the rate of the emulated valves (soro emulate --rate)"
-                raise ConfigError("parameters of twin", "rate_hz", self._config.rate_hz, allowed)
-
     def _release_air(self) -> None:
-        """Release the air: the emulated valves do not wait for a twin whose time does not advance."""
-        if self._link is not None:
-            self._link.release()
+        if self._valves is not None:
+            self._valves.release()
 
     def _advance_with_commands(self) -> None:
         """Lockstep: the command that answers tick k - 1 acts from tick k on."""
@@ -316,25 +276,22 @@ class TwinNode(SoroNode[TwinConfig]):
 
     def _advance_real_time(self) -> None:
         passed = int((time.perf_counter() - self._start_s) * self._config.rate_hz)
-        due = passed - self._state.tick - self._skipped
+        due = passed - self.state.tick - self._skipped
         mates = self._mates
         if due > CATCH_UP_TICKS:
             for arm in mates:
                 arm._skipped += due - CATCH_UP_TICKS
             due = CATCH_UP_TICKS
-        frames = [arm._link.latest() if arm._link is not None else None for arm in mates]
-        waits = any(arm._link is not None and frame is None for arm, frame in zip(mates, frames, strict=True))
-        if waits or not all(arm.is_started for arm in mates):
+        seen = [arm._valves.look() for arm in mates if arm._valves is not None]  # each is read
+        if not all(seen) or not all(arm.is_started for arm in mates):
             return  # a later call makes up for these ticks
         for _ in range(due):
             self._move()
             for arm in mates:
                 arm._observe()
-            for arm, frame in zip(mates, frames, strict=True):
-                arm._frame = frame
-                if arm._link is None:
-                    arm._begin_tick()
-            if self._link is not None:
+            for arm in mates:
+                arm._begin_tick()
+            if self._valves is not None:
                 self._move()
             else:
                 # The nodes of this process answer first: the arm's motion can wait, a command cannot.
@@ -347,19 +304,13 @@ class TwinNode(SoroNode[TwinConfig]):
         else:
             self._world.move()
 
-    def _on_measured(self, message: JointState) -> None:
+    def _on_measured(self, stamp_ns: int, pressure: Array) -> None:
         """Advance to the stamp of measured pressures, with linear interpolation between samples."""
-        if not self._running:
+        if not self.is_started:
             return
-        try:
-            pressure = messages.readings(message, self._names)
-        except ValueError as error:
-            self.get_logger().warning(f"chambers/state refused: {error}", throttle_duration_sec=1.0)
-            return
-        stamp_ns = messages.to_ns(message.header.stamp)
         if self._measured is None or abs(stamp_ns - self._measured[0]) > GAP_NS:
             self._epoch_ns, self._observed = stamp_ns, -1
-            self._state = beginning(self._twin, pressure)
+            self.state = beginning(self._twin, pressure)
             self._observe()
         else:
             last_ns, last = self._measured
@@ -368,15 +319,18 @@ class TwinNode(SoroNode[TwinConfig]):
                 return
             self._bridged += len(ways) - 1
             # Time is that of the recording, whose period differs a little from the nominal one.
-            self._epoch_ns = stamp_ns - (self._state.tick + len(ways)) * self._period_ns
+            self._epoch_ns = stamp_ns - (self.state.tick + len(ways)) * self._period_ns
             for way in ways:
-                self.arrive(self._twin.step_pressures(self._state, way))
+                self.arrive(self._twin.step_pressures(self.state, way))
                 self._observe()
         self._measured = (stamp_ns, pressure)
 
     # One tick -------------------------------------------------------------------------------------
     def _begin_tick(self) -> None:
-        """Take the set points of this tick; later commands are for the next one."""
+        """Take the input of this tick; later commands are for the next one."""
+        if self._valves is not None:
+            self._valves.begin()
+            return
         self._slewed_ns = self._now_ns()
         self._limiter.slew(self._slewed_ns)
 
@@ -387,45 +341,31 @@ class TwinNode(SoroNode[TwinConfig]):
         now_ns, self._slewed_ns = self._slewed_ns, None
         self._limiter.judge(self._reading_pa, True, now_ns)
         self._chambers.report_latch()
-        self.arrive(self._twin.step_setpoints(self._state, self._limiter.state.setpoint_pa))
-
-    def _step_with_valves(self, link: PlantLinkClient, frame: PlantFrame) -> None:
-        if not self._moves_air:
-            self.arrive(self._twin.step_pressures(self._state, self._pressures(frame)))
-            return
-        pressure = self._state.air.pressure_pa
-        if not frame.action.spans:  # the valves have no frame of this twin yet
-            action = ValveAction(((self._twin.dt, pressure),), healthy(pressure.size))
-        elif self._lockstep:
-            action = frame.action
-        else:  # the last action counts for the rest of the tick
-            action = replace(frame.action, spans=((self._twin.dt, frame.action.spans[-1][1]),))
-        self.arrive(self._twin.step_valves(self._state, action))
-        link.answer(frame, self._state.air.pressure_pa)
+        self.arrive(self._twin.step_setpoints(self.state, self._limiter.state.setpoint_pa))
 
     def arrive(self, state: TwinState) -> None:
-        self._state = state
+        self.state = state
         if not state.status.ok:
-            self._running = False
+            self.is_started = False
             raise ModelError(f"the twin stopped at {self._tick_ns() * 1e-9:.3f} s: {state.status}")
 
     def _move_base(self, pose: Array) -> None:
-        self._state = self._twin.at_base(self._state, pose)
+        self.state = self._twin.at_base(self.state, pose)
 
     def _observe(self) -> None:
         """Publish the samples of this tick, once."""
-        if self._state.tick == self._observed:
+        if self.state.tick == self._observed:
             return
-        self._observed = self._state.tick
-        self._state = self._twin.at_wrench(self._state, *self._push.now())
-        self._state, seen = self._twin.observe(self._state)
+        self._observed = self.state.tick
+        self.state = self._twin.at_wrench(self.state, *self._push.now())
+        self.state, seen = self._twin.observe(self.state)
         self._reading_pa = seen.reading_pa
         self._empty_ns = empty_since(self._config.limits, self._empty_ns, seen.reading_pa, self._tick_ns())
         stamp_ns = self._epoch_ns + self._tick_ns() + self._skipped * self._period_ns
         self._topics.publish_samples(seen, stamp_ns, self._sample_ns)
         if self._is_commanded:
             self._chambers.publish(seen.reading_pa, stamp_ns)
-        self._topics.publish_truth(self._state, seen, stamp_ns)
+        self._topics.publish_truth(self.state, seen, stamp_ns)
         if self._bodies is not None and self._world.bodies is not None:
             self._bodies.publish(self._world.bodies.now, stamp_ns)
 
@@ -434,7 +374,7 @@ class TwinNode(SoroNode[TwinConfig]):
 
     def diagnose(self) -> None:
         values: dict[str, object] = {
-            "tick": self._state.tick,
+            "tick": self.state.tick,
             "time_s": self._tick_ns() * 1e-9,
             "skipped_ticks": self._skipped,
             **self._push.frames.values,
@@ -442,7 +382,7 @@ class TwinNode(SoroNode[TwinConfig]):
         if self._config.pressures == "measured":
             values["bridged_ticks"] = self._bridged
         problem = self._chambers.problem if self._is_commanded else None
-        level, message = problem or (OK, OVER if self._is_over else "active" if self._running else "paused")
+        level, message = problem or (OK, OVER if self._is_over else "active" if self.is_started else "paused")
         self.diagnostics.update(level, message, values)
 
 

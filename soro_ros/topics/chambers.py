@@ -6,7 +6,7 @@ Of valves that several arms share, the topics of each arm stand in its namespace
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
@@ -14,6 +14,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 from std_srvs.srv import Trigger
@@ -261,6 +262,34 @@ class _ArmTopics:
         if state.command_source == source:
             stamp_ns = max(stamp_ns, state.command_stamp_ns + 1)
         self._owner.offer(self.limiter, np.array(message.data, dtype=np.float64), stamp_ns, source, doubt)
+
+
+def on_readings(
+    node: Node, names: Sequence[str], profile: QoSProfile, take: Callable[[int, Array], None]
+) -> None:
+    """Subscribe to chambers/state; a message that is refused is logged.
+
+    Parameters
+    ----------
+    node : Node
+        Owner of the subscription.
+    names : sequence of str
+        Of the chambers.
+    profile : QoSProfile
+        Quality of service.
+    take : callable
+        Takes stamp [ns] and readings (n_u,) [Pa gauge] of each message, in the order of `names`.
+    """
+
+    def on_message(message: JointState) -> None:
+        try:
+            pressure = messages.readings(message, names)
+        except ValueError as error:
+            node.get_logger().warning(f"chambers/state refused: {error}", throttle_duration_sec=1.0)
+            return
+        take(messages.to_ns(message.header.stamp), pressure)
+
+    node.create_subscription(JointState, "chambers/state", on_message, profile)
 
 
 def _flag(value: bool) -> str:

@@ -21,7 +21,7 @@ from soro_core.bodies import (
     RigidBody,
     simulate_world,
 )
-from soro_core.grasping import Finger, Squeeze, SqueezeRun, SqueezeSettings, simulate_squeeze
+from soro_core.grasping import Finger, Squeeze, SqueezeRun, SqueezeSettings, Surroundings, simulate_squeeze
 
 TITLE = "Squeeze"
 OBJECTS, POINTS, STEP_S = 36, 12, 1e-3
@@ -37,7 +37,7 @@ BRUTE_PA = (30e3, 60e3, 90e3)
 # An object that is held has come down by less, and in the last second by less [m].
 FALLEN_M, CREPT_M = 15e-3, 3e-4
 GRAVITY, TICK_S = 9.81, 0.01
-_GENTLE = SqueezeSettings(force_n=0.01, crush_n=0.35)
+_GENTLE = SqueezeSettings(force_n=0.01, crush_n=0.4)
 # The hands: whether something tracks the object, and how they squeeze.
 HANDS = (
     ("object tracked", True, _GENTLE),
@@ -139,10 +139,7 @@ def squeezed(one: Case, seed: int, tracked: bool, settings: SqueezeSettings) -> 
         Squeeze(fingers, settings),
         "object",
         t_end=END_S,
-        tracked_m=5e-5 if tracked else None,
-        tick_s=TICK_S,
-        step_s=STEP_S,
-        seed=seed,
+        around=Surroundings(tracked_m=5e-5 if tracked else None, tick_s=TICK_S, step_s=STEP_S, seed=seed),
     )
 
 

@@ -8,6 +8,7 @@ if TYPE_CHECKING:
     from soro_core.grasping.finger import Finger as Finger
     from soro_core.grasping.settings import SqueezeSettings as SqueezeSettings
     from soro_core.grasping.simulate import SqueezeRun as SqueezeRun
+    from soro_core.grasping.simulate import Surroundings as Surroundings
     from soro_core.grasping.simulate import simulate_squeeze as simulate_squeeze
     from soro_core.grasping.squeeze import Felt as Felt
     from soro_core.grasping.squeeze import Squeeze as Squeeze
@@ -18,7 +19,7 @@ __all__, __getattr__ = lazy(
     {
         ".finger": "Finger",
         ".settings": "SqueezeSettings",
-        ".simulate": "SqueezeRun simulate_squeeze",
+        ".simulate": "SqueezeRun Surroundings simulate_squeeze",
         ".squeeze": "Felt Squeeze SqueezeState",
     },
 )

@@ -12,6 +12,9 @@ class SqueezeSettings(Strict):
 
     force_n: float = Field(0.015, gt=0, description="of the first squeeze [N]")
     crush_n: float = Field(0.3, gt=0, description="that no finger may pass [N]")
+    crush_part: float = Field(
+        0.85, gt=0, le=1, description="of crush_n at which the force stops: what the estimate may err"
+    )
     most_pa: float = Field(90e3, gt=0, description="largest pressure of a chamber that closes a finger [Pa]")
     close_pa_s: float = Field(10e3, gt=0, description="rate at which fingers close and open [Pa/s]")
     pa_per_n: float = Field(
@@ -37,11 +40,16 @@ class SqueezeSettings(Strict):
 
     @model_validator(mode="after")
     def _order(self) -> SqueezeSettings:
-        if not self.touch_n <= self.force_n <= self.crush_n:
+        if not self.touch_n <= self.force_n <= self.limit_n:
             raise ValueError(
-                f"touch_n = {self.touch_n:g}, force_n = {self.force_n:g}, crush_n = {self.crush_n:g} N: "
-                "none above the next one"
+                f"touch_n = {self.touch_n:g}, force_n = {self.force_n:g}, crush_part crush_n = "
+                f"{self.limit_n:g} N: none above the next one"
             )
         if self.touch_pa > self.most_pa:
             raise ValueError(f"touch_pa = {self.touch_pa:g} Pa: at most most_pa = {self.most_pa:g} Pa")
         return self
+
+    @property
+    def limit_n(self) -> float:
+        """Estimated force at which the hand does not squeeze harder [N]."""
+        return self.crush_part * self.crush_n

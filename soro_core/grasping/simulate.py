@@ -36,6 +36,30 @@ class SqueezeRun:
     normal_n: Array
 
 
+@dataclass(frozen=True)
+class Surroundings:
+    """What a simulated hand has around it.
+
+    Attributes
+    ----------
+    tracked_m : float or None
+        Standard deviation of the tracked height of the object [m]; None without one.
+    has_pose : bool
+        Whether fingers have poses.
+    tick_s, step_s, lag_s : float
+        Of hand, of world, and time constant of the regulators [s].
+    seed : int
+        Of the noise.
+    """
+
+    tracked_m: float | None = 5e-5
+    has_pose: bool = True
+    tick_s: float = 0.01
+    step_s: float = 5e-4
+    lag_s: float = 0.05
+    seed: int = 0
+
+
 def simulate_squeeze(
     world: BodyWorld,
     squeeze: Squeeze,
@@ -43,12 +67,7 @@ def simulate_squeeze(
     *,
     t_end: float,
     closes: Callable[[float], bool] = lambda t: True,
-    tracked_m: float | None = 5e-5,
-    has_pose: bool = True,
-    tick_s: float = 0.01,
-    step_s: float = 5e-4,
-    lag_s: float = 0.05,
-    seed: int = 0,
+    around: Surroundings | None = None,
 ) -> SqueezeRun:
     """Simulate a hand around a body; the run ends early where the world does, or the body leaves it.
 
@@ -63,14 +82,7 @@ def simulate_squeeze(
         [s]
     closes : callable
         Whether the hand is to hold, by the time [s].
-    tracked_m : float or None
-        Standard deviation of the tracked height of the object [m]; None without one.
-    has_pose : bool
-        Whether fingers have poses.
-    tick_s, step_s, lag_s : float
-        Of hand, of world, and time constant of the regulators [s].
-    seed : int
-        Of the noise.
+    around : Surroundings, optional
 
     Raises
     ------
@@ -82,21 +94,26 @@ def simulate_squeeze(
         raise ModelError(f"body = {body}: allowed are {', '.join(world.bodies)}", "body")
     if len(world.arms) != len(squeeze.fingers):
         raise ModelError(f"{len(world.arms)} arms: allowed are {len(squeeze.fingers)}, one a finger", "arms")
-    random, stepper = np.random.default_rng(seed), WorldStepper(world, step_s)
+    around = around or Surroundings()
+    tick_s = around.tick_s
+    random, stepper = np.random.default_rng(around.seed), WorldStepper(world, around.step_s)
     now, hand, b = stepper.initial_state(), squeeze.initial_state(), list(world.bodies).index(body)
     pressure = {name: np.zeros(arm.n_u) for name, arm in world.arms.items()}
     times, states, heights, normals = [], [], [], []
     for k in range(round(t_end / tick_s)):
         q = [
-            now.arms[name].q + one.noise * random.standard_normal(one.arm.n_q) if has_pose else None
+            now.arms[name].q + one.noise * random.standard_normal(one.arm.n_q) if around.has_pose else None
             for name, one in zip(world.arms, squeeze.fingers, strict=True)
         ]
         height = float(now.place[b, 2])
-        seen = None if tracked_m is None else height + tracked_m * float(random.standard_normal())
+        seen = (
+            None if around.tracked_m is None else height + around.tracked_m * float(random.standard_normal())
+        )
         hand = squeeze.step(hand, Felt(list(pressure.values()), q, seen), closes(k * tick_s), tick_s)
         wanted = dict(zip(world.arms, squeeze.pressures(hand), strict=True))
         after = {
-            name: p + (1.0 - np.exp(-tick_s / lag_s)) * (wanted[name] - p) for name, p in pressure.items()
+            name: p + (1.0 - np.exp(-tick_s / around.lag_s)) * (wanted[name] - p)
+            for name, p in pressure.items()
         }
         result = stepper.step(
             now, {name: np.array([pressure[name], after[name]]) for name in after}, tick_s, k * tick_s

@@ -225,7 +225,7 @@ class Squeeze:
     def _squeezing(self, state: SqueezeState, dt: float) -> SqueezeState:
         """Raise all pressures together: fingers that each keep a force of their own push the object away."""
         s, mean = self.settings, float(state.force_n.mean())
-        is_limited = state.most_n >= s.crush_n or state.level_pa.max() >= s.most_pa
+        is_limited = state.most_n >= s.limit_n or state.level_pa.max() >= s.most_pa
         if is_limited or mean >= _REACHED * state.goal_n:
             return _begin(state, "holding", held_n=mean)
         rate = np.clip((state.goal_n - mean) * s.pa_per_n / s.filter_s, -s.close_pa_s, s.close_pa_s)
@@ -265,15 +265,15 @@ class Squeeze:
 
     def _harder(self, state: SqueezeState) -> SqueezeState:
         goal = min(
-            max(state.goal_n, float(state.force_n.mean())) * self.settings.slip_factor, self.settings.crush_n
+            max(state.goal_n, float(state.force_n.mean())) * self.settings.slip_factor, self.settings.limit_n
         )
         return _begin(state, "slipping", goal_n=goal)
 
     def _limited(self, state: SqueezeState, level: Array, dt: float) -> SqueezeState:
         """Return the state with these pressures; at the crush limit they only fall."""
         s = self.settings
-        if state.most_n >= s.crush_n:
-            level = state.level_pa - (dt * s.close_pa_s if state.most_n > s.crush_n else 0.0)
+        if state.most_n >= s.limit_n:
+            level = state.level_pa - (dt * s.close_pa_s if state.most_n > s.limit_n else 0.0)
         return replaced(state, level_pa=np.clip(level, 0.0, s.most_pa))
 
 

@@ -94,7 +94,7 @@ def test_a_firm_squeeze_holds_an_untracked_ball(has_pose):
         hand(force_n=0.12),
         "object",
         t_end=END,
-        around=Surroundings(around=Surroundings(step_s=1e-3, tracked_m=None), has_pose=has_pose),
+        around=Surroundings(step_s=1e-3, tracked_m=None, has_pose=has_pose),
     )
     assert run.height_m[-1] > -0.068
     assert run.states[-1].phase == "holding"

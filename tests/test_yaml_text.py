@@ -8,10 +8,11 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from soro_core.config import config_folder, load, read_yaml
 from soro_core.errors import ConfigError
-from soro_core.files.yaml_text import read_value
+from soro_core.files.yaml_text import _Loader, read_value
 from soro_core.robot import load_robot
 from soro_lab.identification.recording import Columns
 from tests.refused import fails
@@ -196,3 +197,9 @@ def test_shipped_files_are_read(path):
 def test_outside_cases(name, got):
     with fails(ConfigError, got, where=str(CASES / f"{name}.yaml"), key="links[0].density"):
         load_robot(CASES / f"{name}.yaml")
+
+
+@pytest.mark.skipif(not yaml.__with_libyaml__, reason="this PyYAML is without libyaml")
+def test_libyaml_reads():
+    """Twelve times as fast as the parser in Python."""
+    assert issubclass(_Loader, yaml.CSafeLoader)

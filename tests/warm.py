@@ -16,6 +16,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from soro_core.safety import vent_check
 from soro_ros.run import fork_server, forks
 from soro_ros.run.fork_server import ForkRequest
 
@@ -23,11 +24,23 @@ _STDERR = "TESTS_STDERR"
 # What a forked Python has taken from its environment before.
 _FIXED = ("PYTHON", "XDG_CACHE_HOME", "NUMBA", "OPENBLAS")
 _environment = dict(os.environ)  # a test may change it
+# What the valves of most scenes need.
+_FAMILY = ("soro_hardware.emulation.canopen.world", "soro_hardware.canopen.driver")
 # What a server imports, by the package of the programs that it forks.
 _IMPORTS = {
-    "soro_hardware": ("soro_hardware.emulation.__main__",),
-    "soro_ros": (*fork_server.MODULES, "soro_ros.cli", "soro_ros.commands.run", "soro_ros.run.compose"),
+    "soro_hardware": ("soro_hardware.emulation.__main__", *_FAMILY),
+    "soro_ros": (
+        *fork_server.MODULES,
+        *_FAMILY,
+        "soro_ros.cli",
+        "soro_ros.commands.run",
+        "soro_ros.run.compose",
+        "scipy.interpolate",
+    ),
 }
+# Time for which an arm stays empty until its recording ends [s]: two seconds of ticks are a third of the work
+# of a short run. What starts a Python of its own waits as long as it does for a user.
+_REST_S = 0.2
 _servers: dict[str, tuple[socket.socket, subprocess.Popen[bytes]]] = {}
 
 
@@ -92,6 +105,7 @@ def main() -> None:
     parent = os.getppid()
     fork_server.prepare(parent)
     asked = socket.socket(fileno=int(sys.argv[1]))
+    vent_check.REST_S = _REST_S
     for module in _IMPORTS[sys.argv[2]]:
         __import__(module)
     if sys.argv[2] == "soro_ros":

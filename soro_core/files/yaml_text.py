@@ -15,7 +15,7 @@ from yaml.resolver import BaseResolver
 from soro_core.errors import ConfigError
 
 # SafeLoader: of PyYAML without libyaml.
-_Parser: Any = getattr(yaml, "CParser", yaml.SafeLoader)
+_Parser: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _DEEPEST = 50
 # Values in all, with those that aliases repeat: a file of 500 bytes can name a thousand million.
@@ -74,6 +74,8 @@ def read_value(text: str, where: str) -> Any:
         node = yaml.compose(text, Loader=_Loader)
         return None if node is None else _Values(where).of(node, "", 1)
     except (yaml.YAMLError, ValueError) as error:  # a number of ten thousand digits
+        if "maximum nesting depth" in str(error):  # libyaml reads ahead, to a limit of its own
+            raise ConfigError(where, "", "too many levels", f"{_DEEPEST} levels or fewer") from None
         raise ConfigError(where, "", _reason(error), "valid YAML") from None
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from functools import reduce
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,10 +26,10 @@ from soro_core.robot.basis import (
 from soro_core.robot.description import Robot
 from soro_core.robot.link import Link
 
-# Length, mass per length, radius; EI and shear compliance over those of the link.
-_Slice: TypeAlias = tuple[float, float, float, float, float]
 # Of a link with sections: they leave 1e-6 of the factor for a cone whose radius halves.
 _STEPS = 12
+# Terms 1 / k! of exp: of the powers 12 to 15, 8 to 11, 4 to 7, 0 to 3.
+_SERIES = np.array([1.0 / math.factorial(k) for k in range(16)]).reshape(4, 4)[::-1]
 
 
 def link_stiffness(link: Link, factor: float | Array = 1.0) -> Array:
@@ -158,11 +157,14 @@ def _shear_compliance(link: Link) -> float:
     return 1.0 / (link.material.shear_factor * link.material.shear_modulus * _section(link)[0])
 
 
-def _slices(link: Link) -> list[_Slice]:
-    """Slices of a link that count as uniform: itself, where it has no sections; else two for each step."""
+def _slices(link: Link) -> Array:
+    """Slices of a link that count as uniform: itself, where it has no sections; else two for each step.
+
+    Columns: length, mass per length, radius; EI and shear compliance over those of the link.
+    """
     rho = link.mass / link.length
     if not link.sections:
-        return [(link.length, rho, link.radius, 1.0, 1.0)]
+        return np.array([[link.length], [rho], [link.radius], [1.0], [1.0]])
     given = knots(link)
     each = math.ceil(_STEPS / (len(given) - 1))
     ends = np.interp(np.arange(each * (len(given) - 1) + 1) / each, np.arange(len(given)), given)
@@ -171,12 +173,13 @@ def _slices(link: Link) -> list[_Slice]:
     if link.material is None:
         stiffer /= mean_stiffness(link, "bending_x")
     softer = 1.0 / stiffness_profile(link, "shear_x", x)
-    columns = (size * link.length, rho * mass_profile(link, x), radius_profile(link, x), stiffer, softer)
-    return list(zip(*(column.tolist() for column in columns), strict=True))
+    return np.array(
+        [size * link.length, rho * mass_profile(link, x), radius_profile(link, x), stiffer, softer]
+    )
 
 
 def _clamped_free(
-    robot: Robot, slices: list[list[_Slice]], omega: float, bending: Array, compliance: Array
+    robot: Robot, slices: list[Array], omega: float, bending: Array, compliance: Array
 ) -> float:
     """Determinant whose roots are the frequencies [rad/s] of the stepped Timoshenko beam, clamped at its
     base.
@@ -188,20 +191,21 @@ def _clamped_free(
     transfer = np.eye(4)
     known: dict[object, Array] = {}  # the parts of a refined robot are alike
     for parts, ei, soft in zip(slices, bending, compliance, strict=True):
-        section = (tuple(parts), ei, soft)
+        section = (parts.tobytes(), ei, soft)
         if section not in known:
-            a = np.zeros((len(parts), 4, 4))
-            for k, (size, rho, radius, stiffer, softer) in enumerate(parts):
-                a[k, 0, 1] = 1.0
-                a[k, 0, 3] = soft * softer * stiffness / length**2
-                a[k, 1, 2] = stiffness / (ei * stiffer)
-                a[k, 2, 1] = -rho * radius**2 / 4 * omega**2 * length**2 / stiffness
-                a[k, 2, 3] = -1.0
-                a[k, 3, 0] = -rho * omega**2 * length**4 / stiffness
-                a[k] = a[k] * size / length
+            size, rho, radius, stiffer, softer = parts
+            a = np.zeros((len(size), 4, 4))
+            a[:, 0, 1] = 1.0
+            a[:, 0, 3] = soft * softer * stiffness / length**2
+            a[:, 1, 2] = stiffness / (ei * stiffer)
+            a[:, 2, 1] = -rho * radius**2 / 4 * omega**2 * length**2 / stiffness
+            a[:, 2, 3] = -1.0
+            a[:, 3, 0] = -rho * omega**2 * length**4 / stiffness
+            a *= (size / length)[:, None, None]
             known[section] = _exponential(a[0]) if len(a) == 1 else _along_steps(a[::2], a[1::2])
         transfer = known[section] @ transfer
-    return float(np.linalg.det(transfer[2:, 2:]))
+    (a, b), (c, d) = transfer[2:, 2:].tolist()
+    return float(a * d - b * c)
 
 
 def _along_steps(first: Array, second: Array) -> Array:
@@ -213,17 +217,22 @@ def _along_steps(first: Array, second: Array) -> Array:
 def _exponential(matrix: Array) -> Array:
     """Return exp of a small matrix, or of each of a stack, by its series; scipy takes BLAS milliseconds."""
     halvings = max(0, math.frexp(float(np.abs(matrix).sum(axis=-1).max()))[1] + 1)
-    step = matrix / 2.0**halvings  # of norm 1/2 at most: 16 terms leave 1e-20
-    result = term = np.eye(matrix.shape[-1])
-    for k in range(1, 16):
-        term = term @ step / k
-        result = result + term
+    powers = np.empty((4, *matrix.shape))
+    powers[0] = np.eye(matrix.shape[-1])
+    powers[1] = matrix / 2.0**halvings  # of norm 1/2 at most: 16 terms leave 1e-20
+    powers[2] = powers[1] @ powers[1]
+    powers[3] = powers[2] @ powers[1]
+    fourth = powers[2] @ powers[2]
+    result: Array
+    result, *lower = (_SERIES @ powers.reshape(4, -1)).reshape(powers.shape)
+    for part in lower:  # Horner's rule in the fourth power
+        result = result @ fourth + part
     for _ in range(halvings):
         result = result @ result
     return result
 
 
-def _lower_bound(slices: list[list[_Slice]], bending: Array, compliance: Array) -> float:
+def _lower_bound(slices: list[Array], bending: Array, compliance: Array) -> float:
     """Dunkerley's bound [rad/s], a few per cent below the first frequency: 1 / omega^2 < int flexibility dm.
 
     The flexibility at x is the deflection there under a unit force there; of rotary inertia, the rotation
@@ -234,7 +243,7 @@ def _lower_bound(slices: list[list[_Slice]], bending: Array, compliance: Array) 
     uniform = [
         (size, rho, radius, ei * stiffer, soft * softer)
         for parts, ei, soft in zip(slices, bending, compliance, strict=True)
-        for size, rho, radius, stiffer, softer in parts
+        for size, rho, radius, stiffer, softer in parts.T.tolist()
     ]
     for length, rho, radius, ei, soft in uniform:
         for x, weight in ((0.5 - 0.5 / math.sqrt(3), 0.5), (0.5 + 0.5 / math.sqrt(3), 0.5)):

@@ -93,7 +93,7 @@ def new(
         planar=planar,
         platform=platform,
     )
-    written = write_arm(new_arm(options), Path(name) if out is None else out, force)
+    written = write_arm(new_arm(options), Path(name) if out is None else out, force, typer.echo)
     console = Console(stderr=True)
     for line in written.warnings:
         console.print(f"[yellow]{escape(line)}[/yellow]", soft_wrap=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import tempfile
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -116,7 +116,9 @@ class Written:
     warnings: tuple[str, ...]
 
 
-def write_arm(arm: NewArm, folder: Path, force: bool = False) -> Written:
+def write_arm(
+    arm: NewArm, folder: Path, force: bool = False, say: Callable[[str], None] = lambda text: None
+) -> Written:
     """Write robot, platform and scene into a folder.
 
     Parameters
@@ -126,6 +128,8 @@ def write_arm(arm: NewArm, folder: Path, force: bool = False) -> Written:
         Made where it does not exist.
     force : bool
         Whether existing files are replaced.
+    say : callable
+        Called with a line before what takes long where the model is not compiled.
 
     Raises
     ------
@@ -137,6 +141,8 @@ def write_arm(arm: NewArm, folder: Path, force: bool = False) -> Written:
     if there and not force:
         allowed = "a folder without these files, or --force to replace them"
         raise ConfigError(WHERE, "--out", ", ".join(map(str, there)), allowed)
+    platform_name(arm.setting.platform, sum(arm.setting.chambers))  # refuses what there is not
+    say(f"{arm.name}: looking for a motion that its pressures hold, by the model; then come its files")
     try:
         ancestor = next(path for path in (folder, *folder.absolute().parents) if path.exists())
         with tempfile.TemporaryDirectory(dir=ancestor, prefix=".soro_new_") as made:

@@ -160,8 +160,11 @@ class Recorder(SoroNode[RecorderConfig]):
             if len(types) > 1 and name not in self._streams:
                 self._refuse(name, f"several types: {', '.join(types)}")
                 continue
-            offers = offered(endpoints)
+            publishers = frozenset(bytes(endpoint.endpoint_gid) for endpoint in endpoints)
             stream = self._streams.get(name)
+            if stream is not None and stream.known_to_bag and stream.loss.publishers == publishers:
+                continue  # the offer of a publisher stays
+            offers = offered(endpoints)
             if stream is None:
                 self._subscribe(name, types[0], offers)
             elif stream.qos != essence(request(offers)):
@@ -169,7 +172,7 @@ class Recorder(SoroNode[RecorderConfig]):
                 stream.subscription, stream.qos = self._subscription(name, stream.kind, offers)
             self._introduce(name, endpoints)
             if (stream := self._streams.get(name)) is not None:
-                stream.loss.is_from(frozenset(bytes(endpoint.endpoint_gid) for endpoint in endpoints))
+                stream.loss.is_from(publishers)
 
     def _is_wanted(self, name: str) -> bool:
         if any(fnmatchcase(name, pattern) for pattern in self._excluded):

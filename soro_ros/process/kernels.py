@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import contextlib
 import os
+from collections.abc import Iterator
 
 
 def compiled() -> int:
     """Number of compiled kernels in the cache."""
+    return sum(1 for _ in _files())
+
+
+def none_is_compiled() -> bool:
+    """Return whether the cache is empty."""
+    return next(_files(), None) is None
+
+
+def _files() -> Iterator[str]:
     # Imported late, so that the first processes start earlier; `_jit` names the folder.
     from numba import config
 
     import soro_core._jit  # noqa: F401
 
-    # A start calls this twenty times a second; `Path.rglob` takes five times as long.
-    folders = os.walk(config.CACHE_DIR)
-    return sum(name.endswith(".nbc") for _, _, names in folders for name in names)
+    # `Path.rglob` takes five times as long.
+    return (name for _, _, names in os.walk(config.CACHE_DIR) for name in names if name.endswith(".nbc"))
 
 
 def are_compiled_now() -> bool:

@@ -120,7 +120,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         from soro_ros.process import kernels
 
         begin = time.monotonic()
-        if not kernels.compiled():
+        if kernels.none_is_compiled():
             self.get_logger().info("compiling the model's kernels: up to a minute, cached afterwards")
         with compiling_once():
             warm_up()

@@ -13,6 +13,7 @@ import contextlib
 import ctypes
 import gc
 import importlib
+import inspect
 import json
 import os
 import signal
@@ -36,6 +37,7 @@ _LONGEST, TITLE = 1 << 16, 600
 MODULES = (
     "soro_hardware.emulation.__main__",
     *(f"soro_ros.nodes.{name}" for name in ("recorder", "twin", "estimator", "controller", "regulator")),
+    "rosidl_generator_py",  # the first use of a message imports it, and its parser
 )
 
 
@@ -101,6 +103,8 @@ def serve(asked: socket.socket, parent: int) -> ForkRequest | None:
     """
     # Python 3.12 warns of the threads that wait for a tracer.
     warnings.filterwarnings("ignore", "This process .* is multi-threaded", DeprecationWarning)
+    # rclpy names the caller of a log line by it; the first call resolves the path of each module.
+    inspect.getmodule(inspect.currentframe())
     gc.collect()
     gc.freeze()  # what is shared stays shared
     with contextlib.suppress(ConnectionError):  # the program that asks has ended

@@ -35,7 +35,8 @@ class StartProgress:
             Nodes that are active, and those that have been started.
         """
         now_s = time.monotonic()
-        if now_s - self._looked_s < TELL_S / 10:  # to count takes milliseconds
+        # To count takes milliseconds, more in a large cache.
+        if now_s - self._looked_s < TELL_S / 10 or not kernels.are_compiled_now():
             return
         self._looked_s, done = now_s, kernels.compiled() - self._before
         has_moved = done > self._done

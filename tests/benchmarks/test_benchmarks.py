@@ -9,7 +9,7 @@ import pytest
 from result_tables import tables, written
 from typer.testing import CliRunner
 
-from benchmarks import mismatched_arms, peer, report, rod
+from benchmarks import mismatched_arms, peer, report, rod, terms
 from benchmarks.__main__ import SECTIONS, app
 from benchmarks.judged_loop import Outcome
 from benchmarks.release import LADDER, LIMIT, Reference, first_good, ours
@@ -45,6 +45,11 @@ def test_a_section_is_written_with_numbers(run, name):
 
 
 @pytest.mark.slow
+def test_each_ingredient_has_its_row_in_the_results():
+    section = (report.Path(report.__file__).parent / "RESULTS.md").read_text().split(f"## {terms.TITLE}\n")[1]
+    assert set(terms.INGREDIENTS) <= set(re.findall(r"^\| ([^|]+) \|", section.split("\n## ")[0], re.M))
+
+
 def test_one_link_of_order_4_beats_eight_of_constant_strain(tmp_path):
     """As docs/trade.md says: tenfold and more under a follower force and along a taper."""
     (rows,) = tables(written(tmp_path, "orders"))

@@ -41,9 +41,15 @@ def start_run(
     return popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def run(folder: Path, *changes: str, scene: str = SCENE, limit_s: float = 250) -> tuple[int, str, Path]:
+def run(
+    folder: Path,
+    *changes: str,
+    scene: str = SCENE,
+    limit_s: float = 250,
+    popen: type[subprocess.Popen[str]] = Popen,
+) -> tuple[int, str, Path]:
     """Run a scene to its end; returns exit status, output and the folder of the run."""
-    process = start_run(folder, *changes, scene=scene)
+    process = start_run(folder, *changes, scene=scene, popen=popen)
     try:
         out, err = process.communicate(timeout=limit_s)
     finally:

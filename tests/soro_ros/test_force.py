@@ -90,6 +90,7 @@ def forced(tmp_path_factory):
     return with_force(folder, TYPES), open_run(folder)
 
 
+@pytest.mark.slow
 def test_a_force_in_a_bag_has_figures_events_a_note_and_a_panel(forced):
     axes, run = forced
     summary = report.summarise(run.recording, run.scene)
@@ -154,6 +155,7 @@ def with_forces(run, kept):
     return replace(run.recording, **{name: EMPTY for name in forces if name not in kept})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kept", "shown"), [("true_force", [panels.FORCE]), ("estimated_force", [])])
 def test_the_picture_of_a_run_shows_the_force_that_is_in_it(tmp_path, monkeypatch, forced, kept, shown):
     run = forced[1]
@@ -166,6 +168,7 @@ def test_the_picture_of_a_run_shows_the_force_that_is_in_it(tmp_path, monkeypatc
     assert titles == [panel.title for panel in always + shown]
 
 
+@pytest.mark.slow
 def test_what_an_empty_arm_touches_behind_its_run_is_no_event(tmp_path, monkeypatch):
     monkeypatch.setattr(sys.modules[__name__], "TOUCHES_S", 1.0)
     monkeypatch.setattr(sys.modules[__name__], "LEAVES_S", 1e9)

@@ -108,6 +108,7 @@ def alone(tmp_path_factory):
         yield
 
 
+@pytest.mark.slow
 def test_a_path_is_followed_to_its_end_and_reported(alone):
     with controller() as it:
         goal = [0.008, 0.0, 0.066]
@@ -142,6 +143,7 @@ def test_a_path_is_followed_to_its_end_and_reported(alone):
         assert it.wanted == pytest.approx(before, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_path_that_replaces_another_begins_under_way(alone):
     with controller() as it:
         it.send([0.0, 0.0, 0.066], [0.015, 0.0, 0.066])
@@ -213,6 +215,7 @@ def _at(x: float, z: float) -> np.ndarray:
     return pose
 
 
+@pytest.mark.slow
 def test_a_point_behind_an_obstacle_is_reached_around_it_if_that_is_asked_for(alone, tmp_path):
     robot = TWO.replace(contacts=IN_THE_WAY.model_dump())
     save_robot(robot, tmp_path / "two.yaml")

@@ -5,6 +5,8 @@ import shutil
 import pytest
 
 from soro_core import load_robot
+from soro_core.errors import ConfigError
+from soro_lab.scaffold import files
 from soro_lab.scene import check_scene, load_scene
 from tests.refused import refused_keys
 from tests.soro_ros.in_process import tip_error_rms_m
@@ -25,7 +27,7 @@ def test_a_new_arm_runs_at_once_from_another_folder(soro, domain, tmp_path, monk
     """Its error in one process, whose numbers are those of the nodes (`test_closed_loop.py`)."""
     status, out, _ = soro("new", name, *ARMS[name], "--out", str(tmp_path / "made"))
     assert status == 0
-    assert len(out.splitlines()) == 4
+    assert len(out.splitlines()) == 5
     shutil.move(tmp_path / "made", tmp_path / "mine")
     monkeypatch.chdir(tmp_path)
     file = f"mine/{name}_scene.yaml"
@@ -73,6 +75,19 @@ def test_existing_files_need_force(soro, tmp_path, monkeypatch):
     assert load_robot("arm/arm_robot.yaml").length == 0.08
     assert soro("new", "arm", "--length", "90mm", "--force").status == 0
     assert load_robot("arm/arm_robot.yaml").length == 0.09
+
+
+def test_what_takes_long_is_said_before_it_begins(soro, tmp_path, monkeypatch):
+    """The first use of the model compiles it, for minutes on a busy machine."""
+
+    def ended(robot):
+        raise ConfigError("model", "links", robot.name, "an end of the search")
+
+    monkeypatch.setattr(files, "first_reference", ended)
+    status, out, err = soro("new", "arm", "--length", "80mm", "--out", str(tmp_path / "made"))
+    assert (status, len(err.splitlines())) == (2, 1)
+    assert out == "arm: looking for a motion that its pressures hold, by the model; then come its files\n"
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_numbers_that_let_the_arm_fall_are_a_line(soro, tmp_path):

@@ -66,6 +66,7 @@ def before(tmp_path):
     return tmp_path / "bag", today
 
 
+@pytest.mark.slow
 def test_it_is_replayed_as_one_of_today(before):
     bag, _ = before
     found = replay(bag, load_scene(FOLDER / "scene.yaml"), ignore=FORCE)

@@ -63,6 +63,7 @@ def wall(*settings, **keys):
         yield it
 
 
+@pytest.mark.slow
 def test_a_press_approaches_holds_and_releases(alone):
     with wall("control.force.approach_speed_m_s:=0.01") as it:
         it.press(0.03, 0.0, 0.0)
@@ -95,6 +96,7 @@ def test_a_tip_that_meets_nothing_stops_and_says_so(alone):
         assert not it.node.state.force.push_n.any()
 
 
+@pytest.mark.slow
 def test_the_same_press_begins_anew_after_no_contact_but_not_by_a_stream(alone):
     with wall("control.force.approach_s:=0.5", "control.force.approach_speed_m_s:=0.01") as it:
         it.wall_m = 1.0
@@ -114,6 +116,7 @@ def test_the_same_press_begins_anew_after_no_contact_but_not_by_a_stream(alone):
         it.until("reached")
 
 
+@pytest.mark.slow
 def test_a_short_gap_of_the_estimate_does_not_end_a_press(alone):
     with wall("control.force.approach_speed_m_s:=0.01") as it:
         it.press(0.03, 0.0, 0.0)

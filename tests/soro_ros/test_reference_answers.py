@@ -66,6 +66,7 @@ def test_a_pose_is_answered_until_the_tip_is_there(alone):
         assert it.wanted == pytest.approx([0.01, 0.0, 0.066], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_stream_is_one_motion_that_is_reached_after_its_last_message(alone):
     with controller("control.reference.start_s:=0.05") as it:
         for k in range(30):

@@ -58,6 +58,7 @@ def test_a_command_takes_a_run(soro, domain, run, tmp_path, arguments):
     )
 
 
+@pytest.mark.slow
 def test_a_function_takes_a_run(run, tmp_path):
     robot = load_robot(find_config("asu_two_segment", "robots"))
     tip = "/two_links/arm/tip"

@@ -228,6 +228,7 @@ def test_a_load_that_falls_off_is_found_at_once_and_w_stays():
     assert weights[0] < 0.5 * weights[1]
 
 
+@pytest.mark.slow
 def test_an_acceleration_is_no_missing_force():
     """Of the arm, whatever its reference does: it swings at 4 Hz."""
     learner = Learner(ARM, config(forget_s=1e3))

@@ -24,6 +24,7 @@ def rest(world, depth, dt=1e-3, t_end=0.6, pull=0.0):
     return result
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("points", [3, 6])
 @pytest.mark.parametrize("dt", [1e-3, 2.5e-4])
 def test_two_crossed_beams_press_with_the_force_of_their_closed_form(dt, points):
@@ -56,6 +57,7 @@ def borne(result, name):
     return total
 
 
+@pytest.mark.slow
 def test_each_arm_bears_what_the_other_one_gives():
     """At rest the forces of each arm balance the same force at the same point, with its sign."""
     result = rest(crossing_beams(AT, REACH), 2e-3, t_end=1.0)
@@ -68,6 +70,7 @@ def test_each_arm_bears_what_the_other_one_gives():
         np.testing.assert_allclose(given, own, atol=0.01 * np.abs(own).max())
 
 
+@pytest.mark.slow
 def test_a_beam_that_is_drawn_across_another_sticks_and_then_slips():
     friction = 0.3
     result = rest(crossing_beams(AT, REACH, arm_friction=friction), 2e-3, t_end=1.2, pull=0.02)
@@ -141,6 +144,7 @@ def test_an_arm_that_curls_up_is_stopped_by_itself():
     assert ends[True].normal_force("arm")[ends[True].t < 0.2].max() == 0.0  # neighbours do not touch
 
 
+@pytest.mark.slow
 def test_the_force_of_an_arm_on_itself_depends_neither_on_the_step_nor_on_the_number_of_points():
     forces = []
     for dt, points in ((1e-3, 6), (1e-3, 3), (1e-3, 24), (2.5e-4, 6)):

@@ -57,6 +57,7 @@ def pulled_out(shape="ball", dt=1e-3, points=6):
     return 0.5 * (result.t[out] - 1.6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_force_of_a_pull_out_depends_neither_on_the_step_nor_on_the_number_of_points(shape):
     """Asked: 3 % from 1 ms to 0.25 ms and from 6 to 24 points a link."""

@@ -121,6 +121,7 @@ def test_the_reference_starts_where_the_arm_is_and_becomes_the_circle():
     assert later.tip_reference == pytest.approx(control.arm.pose(later.reference.q, 0.064))
 
 
+@pytest.mark.slow
 def test_a_new_reference_is_approached_smoothly_and_kept():
     control = controller()
     state, before = run(control, 5.0)

@@ -366,12 +366,14 @@ HANGING = STANDING.replace(base_quaternion=(1.0, 0.0, 0.0, 0.0))
 LOW = {"curvature_per_m": 7.0, "mean_pressure_pa": 40e3, "start_s": 2.0}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", ["tip_pid", "computed_torque"])
 def test_a_law_that_loses_the_standing_arm_through_the_lag_is_refused(law):
     with refused("law", law, names=("composite", "20 g", "52 ms")):
         Controller(STANDING, config(law=law))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "keys",
     [{"law": "tip_pid"}, {"law": "computed_torque", "law_options": {"load_kg": 0.0}}],

@@ -74,6 +74,7 @@ def test_feedback_is_lowered_until_it_swings_no_more_and_stays_lowered():
     assert watched(lambda t: 0.3 * np.sin(20.0 * t), force=100.0)[1].part == 1.0 / 16.0
 
 
+@pytest.mark.slow
 def test_other_swings_are_no_limit_cycle():
     swing = 20.0
     rng = np.random.default_rng(1)

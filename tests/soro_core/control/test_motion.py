@@ -218,6 +218,7 @@ def held_tips():
     return np.array([arm.pose(q, arm.length)[:3, 3] for q in rests])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("goal", "reason"),
     [

@@ -89,6 +89,7 @@ def said(scene, true=None, **others):
     return command.status.note
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("load", [0.0, 0.03])
 def test_an_arm_as_in_its_file_is_not_refused_under_any_load(load):
     loop, ticks = probed(scene(**{"twin.payload_kg": load}))
@@ -104,6 +105,7 @@ def test_an_arm_as_in_its_file_is_not_refused_under_any_load(load):
     assert (np.sort(commands, axis=1)[:, -2] < 1e3).mean() > 0.95
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -125,11 +127,13 @@ def test_what_differs_from_the_file_is_named_and_refused(name, change, words):
         assert word in text
 
 
+@pytest.mark.slow
 def test_a_weak_chamber_of_the_standing_arm_is_named_under_its_load():
     one = scene("track_circle", **{"twin.payload_kg": 0.02})
     assert "link0/chamber1 gives 0.7" in said(one, weak(one.loaded_robot))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "at_s", "load"), [("track_circle", 5.8, 0.02), ("hanging_arm", 2.5, 0.04)])
 def test_a_load_that_changes_while_the_probe_runs_is_named_as_that(name, at_s, load):
     text = said(scene(name, **{"twin.payload_kg": 0.0}), load_steps=((at_s, load),))
@@ -145,6 +149,7 @@ def test_a_small_tilt_warns_and_the_law_begins():
     assert command.terms is not None  # of the law
 
 
+@pytest.mark.slow
 def test_a_refusal_vents_and_stays_and_a_warning_does_not():
     one = scene(how="refuse")
     true = swapped(one.loaded_robot)
@@ -156,6 +161,7 @@ def test_a_refusal_vents_and_stays_and_a_warning_does_not():
     assert ticks[-1].command.terms is not None
 
 
+@pytest.mark.slow
 def test_a_dead_time_is_named_and_a_longer_lag_is_none():
     one = scene()
     text = said(one, regulator=RegulatorModel(delay_s=0.1))
@@ -228,6 +234,7 @@ def soft_silicone(robot):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("shift_s", "changes"),
     [
@@ -248,6 +255,7 @@ def test_poses_that_are_stamped_late_or_early_are_named(shift_s, changes):
     assert "when it is taken" in text or "at which it is taken" in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [
@@ -291,6 +299,7 @@ def standing():
     return loop_of(scene("track_circle")).controller
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_not_empty_or_moves_or_is_lost_is_refused_with_the_reason(standing):
     probe, zero = Probe(arm(standing), lenient=True), np.zeros(3)
     full = fed(probe, lambda t: ProbeSample(t, zero, zero, np.array([0.0, 5e3, 0.0])))
@@ -400,6 +409,7 @@ def test_without_the_key_nothing_is_probed():
     assert loop_of(unset).controller.initial_state().probe is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["six_links", "two_links", "imu_only"])
 def test_other_arms_and_sensors_are_not_refused(name):
     one = load_scene(name, {"mode": "lockstep", "controller.probe_at_enable": "refuse"})

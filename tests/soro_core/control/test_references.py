@@ -62,6 +62,7 @@ def test_what_is_sent_repeatedly_ends_where_one_message_ends(control, hz, make):
     assert often[-1].setpoint_pa == pytest.approx(once[-1].setpoint_pa, abs=1.0)
 
 
+@pytest.mark.slow
 def test_poses_that_differ_a_little_are_no_harm(control):
     """Of a hand or a camera, at 20 Hz: they stay within what was asked for."""
     rng = np.random.default_rng(1)

@@ -171,6 +171,7 @@ def test_what_cannot_change_now_or_does_not_fit_is_refused_and_changes_nothing(k
     assert before == (loop.controller, loop.controller.config, loop.state)
 
 
+@pytest.mark.slow
 def test_gains_of_a_law_with_a_trial_wait_for_the_next_configure():
     lagless = {"law": "tip_pid", "pressures": {"lag_s": 0.0, "dead_time_s": 0.0, "preview_s": 0.0}}
     controller = Controller(ROBOT, config(**lagless))

@@ -156,6 +156,7 @@ def test_it_is_consistent(robot):
     assert low < np.mean(values) < high
 
 
+@pytest.mark.slow
 def test_an_unknown_steady_force_is_found(robot):
     push = (200.0, 4000.0, -2000.0)  # accelerations: an unknown load
     found = []
@@ -271,6 +272,7 @@ def test_a_fifth_of_the_samples_lost(robot, seed):
     assert np.sqrt(np.mean(np.square(errors))) < 4e-4
 
 
+@pytest.mark.slow
 def test_late_samples_are_used_at_the_time_they_were_taken(robot):
     def late(ticks):
         queue = []
@@ -333,6 +335,7 @@ def test_samples_out_of_order_give_what_they_give_in_order(robot):
     assert first.q[0] == pytest.approx(second.q[0], abs=1e-4)
 
 
+@pytest.mark.slow
 def test_it_re_acquires_after_the_arm_was_moved(robot):
     """A jump that the model cannot explain: refused at first, believed after the configured number."""
     settings = config(reacquire_after=10)

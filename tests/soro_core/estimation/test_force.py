@@ -281,6 +281,7 @@ def held(ticks, push=None, enabled=True, payload_kg=0.02, rest_s=np.inf):
     return found
 
 
+@pytest.mark.slow
 def test_commands_are_the_same_to_the_bit_while_nothing_pushes():
     seen, blind = held(300), held(300, enabled=False)
     assert seen[-1][1].external is not None

@@ -36,6 +36,7 @@ def test_each_run_has_the_same_bits_as_alone(cores):
         same(run, simulate(arm, q[k], qd[k], pressure=p[k], internal0=z[k], **options))
 
 
+@pytest.mark.slow
 def test_processes_give_the_same_bits():
     q, options = starts(bellows())[0], {"t_end": 4e-3, "dt": 1e-3}
     with Processes(2) as executor:

@@ -41,6 +41,7 @@ def test_input_that_is_not_finite_is_a_status_and_the_state_stays(name, bad):
     assert np.isfinite(after.internal).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", STEPPERS)
 def test_huge_but_finite_input_gives_no_nan(name):
     arm = bellows()

@@ -158,6 +158,7 @@ def test_coriolis_euler_and_centrifugal_forces_are_those_of_lagrange():
     np.testing.assert_allclose(run.q[-1], wanted, atol=1e-6 * np.abs(wanted).max())
 
 
+@pytest.mark.slow
 def test_the_base_does_the_work_that_the_arm_gains():
     """The force on a shaken base is the rate of the arm's momentum less its weight."""
     arm = arm_of(tip_mass=0.005, nodes=12)
@@ -179,6 +180,7 @@ def test_the_base_does_the_work_that_the_arm_gains():
     np.testing.assert_allclose(gained, work, atol=1e-5 * np.abs(work).max())
 
 
+@pytest.mark.slow
 def test_implicit_steppers_converge_to_the_same_motion():
     arm = arm_of(order=1, viscosity=100.0, tip_mass=0.005)
     exact = simulate(arm, base=swing, t_end=0.1, dt=5e-5, integrator="rk4").q[-1]

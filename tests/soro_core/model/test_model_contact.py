@@ -261,6 +261,7 @@ def test_a_bounce_without_losses_keeps_its_energy_the_better_the_smaller_the_ste
     assert drift[1] < drift[0] / 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_links", [1, 2, 3, 4])
 def test_falls_on_a_ball(n_links):
     """Stiff obstacle, friction, varying strain: a millimetre deep at most, and no energy out of nothing."""

@@ -115,6 +115,7 @@ def test_stiffness_is_the_gradient_of_the_elastic_force(seed):
     np.testing.assert_allclose(arm.stiffness_matrix(q), K, rtol=1e-6, atol=1e-6 * np.abs(K).max())
 
 
+@pytest.mark.slow
 @SETTINGS
 @given(seed=seeds)
 def test_jacobian_is_the_body_twist_of_the_pose(seed):

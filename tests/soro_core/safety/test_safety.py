@@ -385,6 +385,7 @@ event = st.tuples(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.lists(event, max_size=40))
 def test_any_sequence_stays_in_range_and_within_slew(events):

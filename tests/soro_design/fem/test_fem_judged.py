@@ -18,6 +18,7 @@ from tests.soro_design.fem.moving_parts import SOFT
 pytestmark = pytest.mark.numerics
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", PARTS)
 def test_solutions_are_those_of_another_library_in_no_more_iterations(name, figure):
     if name == "ring":

@@ -89,6 +89,7 @@ def test_figures_of_a_rod_are_those_of_its_sweep(tmp_path, goal):
         assert 1e-4 / float(more @ way) == pytest.approx(found.goal, rel=0.01)
 
 
+@pytest.mark.slow
 def test_a_pneunet_is_closed_and_bends_away_from_its_chambers():
     part = coarse(load_part("silicone_pneunet"))
     shape = part.geometry.shape
@@ -112,6 +113,7 @@ def test_a_pneunet_is_closed_and_bends_away_from_its_chambers():
     assert found.goal > 0.5
 
 
+@pytest.mark.slow
 def test_the_search_reaches_the_best_of_a_grid(tube):
     task = make_task(tube, "stroke", VARY, pressure_pa=15e3, limits=(1.2, 0.0))
     state = ShapeSearch(task)

@@ -74,6 +74,7 @@ def test_the_shell_of_a_ball_holds_air_and_a_hole_leaks():
     assert flood(domain, snapped(domain.grid, holed)).is_leak.any()
 
 
+@pytest.mark.slow
 def test_the_part_on_its_own_mesh_is_a_thick_sphere():
     """An eighth of a ball under pressure inside, held on its planes: the small strains of Lame's sphere."""
     task = ball()

@@ -13,6 +13,7 @@ def of_level(domain, level):
     return least_widths(domain, solid_mesh(domain, snapped(domain.grid, level)))
 
 
+@pytest.mark.slow
 def test_the_shell_of_a_ball_is_as_thick_as_its_radii_are_apart():
     domain = make_domain(ball())
     r = np.linalg.norm(domain.grid.mesh.points, axis=1)

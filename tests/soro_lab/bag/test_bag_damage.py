@@ -165,6 +165,7 @@ def attempt(action, *arguments):
         return error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_changed_bytes_never_raise_anything_else(tmp_path, seed):
     """Whatever a disk does to the bytes: an answer or a BagError of one line, before and after repair."""

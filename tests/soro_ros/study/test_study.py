@@ -35,6 +35,7 @@ def done(tmp_path_factory):
         return table(), json.loads(Path("study/short-vary/summary.json").read_text())
 
 
+@pytest.mark.slow
 def test_a_row_is_the_run_of_its_values(done):
     rows, summary = done
     assert [row["run"] for row in rows] == list(range(8))
@@ -197,6 +198,7 @@ def test_a_study_needs_no_ros():
     assert len(table()) == 8
 
 
+@pytest.mark.slow
 def test_the_time_of_a_run_in_one_process_counts_from_the_end_of_the_probe(tmp_path):
     """As in real time; a run that ended earlier would be judged as lost."""
     (tmp_path / "short.yaml").write_text(yaml.safe_dump(SCENE))

@@ -21,7 +21,7 @@ from soro_core.bodies import (
     RigidBody,
     simulate_world,
 )
-from soro_core.grasping import Finger, Squeeze, SqueezeRun, SqueezeSettings, Surroundings, simulate_squeeze
+from soro_core.grasping import Finger, Squeeze, SqueezeRun, SqueezeSettings, SqueezeTrial, simulate_squeeze
 
 TITLE = "Squeeze"
 OBJECTS, POINTS, STEP_S = 36, 12, 1e-3
@@ -139,7 +139,7 @@ def squeezed(one: Case, seed: int, tracked: bool, settings: SqueezeSettings) -> 
         Squeeze(fingers, settings),
         "object",
         t_end=END_S,
-        around=Surroundings(tracked_m=5e-5 if tracked else None, tick_s=TICK_S, step_s=STEP_S, seed=seed),
+        trial=SqueezeTrial(tracked_m=5e-5 if tracked else None, tick_s=TICK_S, step_s=STEP_S, seed=seed),
     )
 
 

@@ -8,7 +8,7 @@ if TYPE_CHECKING:
     from soro_core.grasping.finger import Finger as Finger
     from soro_core.grasping.settings import SqueezeSettings as SqueezeSettings
     from soro_core.grasping.simulate import SqueezeRun as SqueezeRun
-    from soro_core.grasping.simulate import Surroundings as Surroundings
+    from soro_core.grasping.simulate import SqueezeTrial as SqueezeTrial
     from soro_core.grasping.simulate import simulate_squeeze as simulate_squeeze
     from soro_core.grasping.squeeze import Felt as Felt
     from soro_core.grasping.squeeze import Squeeze as Squeeze
@@ -19,7 +19,7 @@ __all__, __getattr__ = lazy(
     {
         ".finger": "Finger",
         ".settings": "SqueezeSettings",
-        ".simulate": "SqueezeRun Surroundings simulate_squeeze",
+        ".simulate": "SqueezeRun SqueezeTrial simulate_squeeze",
         ".squeeze": "Felt Squeeze SqueezeState",
     },
 )

@@ -37,8 +37,8 @@ class SqueezeRun:
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """What a simulated hand has around it.
+class SqueezeTrial:
+    """What a simulated hand measures, and how finely it is simulated.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ def simulate_squeeze(
     *,
     t_end: float,
     closes: Callable[[float], bool] = lambda t: True,
-    around: Surroundings | None = None,
+    trial: SqueezeTrial | None = None,
 ) -> SqueezeRun:
     """Simulate a hand around a body; the run ends early where the world does, or the body leaves it.
 
@@ -82,7 +82,7 @@ def simulate_squeeze(
         [s]
     closes : callable
         Whether the hand is to hold, by the time [s].
-    around : Surroundings, optional
+    trial : SqueezeTrial, optional
 
     Raises
     ------
@@ -94,25 +94,23 @@ def simulate_squeeze(
         raise ModelError(f"body = {body}: allowed are {', '.join(world.bodies)}", "body")
     if len(world.arms) != len(squeeze.fingers):
         raise ModelError(f"{len(world.arms)} arms: allowed are {len(squeeze.fingers)}, one a finger", "arms")
-    around = around or Surroundings()
-    tick_s = around.tick_s
-    random, stepper = np.random.default_rng(around.seed), WorldStepper(world, around.step_s)
+    trial = trial or SqueezeTrial()
+    tick_s = trial.tick_s
+    random, stepper = np.random.default_rng(trial.seed), WorldStepper(world, trial.step_s)
     now, hand, b = stepper.initial_state(), squeeze.initial_state(), list(world.bodies).index(body)
     pressure = {name: np.zeros(arm.n_u) for name, arm in world.arms.items()}
     times, states, heights, normals = [], [], [], []
     for k in range(round(t_end / tick_s)):
         q = [
-            now.arms[name].q + one.noise * random.standard_normal(one.arm.n_q) if around.has_pose else None
+            now.arms[name].q + one.noise * random.standard_normal(one.arm.n_q) if trial.has_pose else None
             for name, one in zip(world.arms, squeeze.fingers, strict=True)
         ]
         height = float(now.place[b, 2])
-        seen = (
-            None if around.tracked_m is None else height + around.tracked_m * float(random.standard_normal())
-        )
+        seen = None if trial.tracked_m is None else height + trial.tracked_m * float(random.standard_normal())
         hand = squeeze.step(hand, Felt(list(pressure.values()), q, seen), closes(k * tick_s), tick_s)
         wanted = dict(zip(world.arms, squeeze.pressures(hand), strict=True))
         after = {
-            name: p + (1.0 - np.exp(-tick_s / around.lag_s)) * (wanted[name] - p)
+            name: p + (1.0 - np.exp(-tick_s / trial.lag_s)) * (wanted[name] - p)
             for name, p in pressure.items()
         }
         result = stepper.step(

@@ -51,6 +51,7 @@ class SqueezeState:
     Attributes
     ----------
     phase : str
+        What the hand does.
     level_pa : ndarray (n,)
         Pressure of the chamber that closes each finger most [Pa].
     touches : ndarray (n,) of bool

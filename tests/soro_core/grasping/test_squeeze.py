@@ -6,7 +6,7 @@ import pytest
 from soro_core.bodies import BallShape, BodyMotion, BodyWorld, BoxShape, RigidBody, simulate_world
 from soro_core.errors import ConfigError
 from soro_core.frozen import replaced
-from soro_core.grasping import Felt, Finger, Squeeze, SqueezeSettings, Surroundings, simulate_squeeze
+from soro_core.grasping import Felt, Finger, Squeeze, SqueezeSettings, SqueezeTrial, simulate_squeeze
 from soro_core.model.equilibrium.statics import equilibrium
 from tests.soro_core.bodies.scenes import WEIGHT, fingers
 
@@ -66,7 +66,7 @@ def test_a_finger_in_the_air_feels_nothing():
 def test_a_ball_is_held_by_little_more_than_its_weight_needs():
     mass, friction = 0.02, 0.6
     run = simulate_squeeze(
-        on_table(mass, friction), hand(force_n=0.01), "object", t_end=END, around=Surroundings(step_s=1e-3)
+        on_table(mass, friction), hand(force_n=0.01), "object", t_end=END, trial=SqueezeTrial(step_s=1e-3)
     )
     assert phases(run)[:5] == ["closing", "touching", "squeezing", "holding", "slipping"]
     assert run.states[-1].phase == "holding"
@@ -82,7 +82,7 @@ def test_a_ball_is_held_by_little_more_than_its_weight_needs():
 def test_untracked_the_same_weak_squeeze_loses_the_ball():
     """That the ball above is held is due to the slip that is seen."""
     run = simulate_squeeze(
-        on_table(), hand(force_n=0.01), "object", t_end=END, around=Surroundings(step_s=1e-3, tracked_m=None)
+        on_table(), hand(force_n=0.01), "object", t_end=END, trial=SqueezeTrial(step_s=1e-3, tracked_m=None)
     )
     assert run.height_m[-1] < -0.075
 
@@ -94,7 +94,7 @@ def test_a_firm_squeeze_holds_an_untracked_ball(has_pose):
         hand(force_n=0.12),
         "object",
         t_end=END,
-        around=Surroundings(step_s=1e-3, tracked_m=None, has_pose=has_pose),
+        trial=SqueezeTrial(step_s=1e-3, tracked_m=None, has_pose=has_pose),
     )
     assert run.height_m[-1] > -0.068
     assert run.states[-1].phase == "holding"
@@ -108,7 +108,7 @@ def test_no_finger_passes_the_crush_limit():
         hand(force_n=0.01, crush_n=crush),
         "object",
         t_end=END,
-        around=Surroundings(step_s=1e-3),
+        trial=SqueezeTrial(step_s=1e-3),
     )
     assert run.normal_n.max() < crush
     assert run.normal_n.max() > 0.5 * crush
@@ -121,7 +121,7 @@ def test_a_hand_that_meets_nothing_opens_and_says_so():
         hand(most_pa=30e3),
         "object",
         t_end=8.0,
-        around=Surroundings(step_s=1e-3),
+        trial=SqueezeTrial(step_s=1e-3),
         closes=lambda t: t < 7.0,
     )
     assert "closing" in phases(run)
@@ -134,7 +134,7 @@ def test_a_hand_that_meets_nothing_opens_and_says_so():
 
 def test_the_hand_opens_when_it_is_asked_to():
     run = simulate_squeeze(
-        on_table(), hand(), "object", t_end=4.0, around=Surroundings(step_s=1e-3), closes=lambda t: t < 2.0
+        on_table(), hand(), "object", t_end=4.0, trial=SqueezeTrial(step_s=1e-3), closes=lambda t: t < 2.0
     )
     assert phases(run)[-2:] == ["opening", "open"]
     assert (run.states[-1].level_pa == 0.0).all()

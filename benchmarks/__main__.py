@@ -24,6 +24,7 @@ from benchmarks import (
     estimation,
     force,
     forward,
+    grasp,
     identified_asu,
     identified_srl,
     identified_tue,
@@ -87,6 +88,7 @@ SECTIONS = {
     "composed": composed,
     "view": view,
     "bodies": bodies,
+    "grasp": grasp,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -1,0 +1,122 @@
+"""What a finger feels: the force between its measured pose and its free one, by its model."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from soro_core.arrays import Array
+from soro_core.errors import ConfigError
+from soro_core.model import SoftArm
+from soro_core.model.build import find_site
+from soro_core.robot.basis import radius_profile
+
+
+class FingerForce(NamedTuple):
+    """What an object does to a finger.
+
+    Attributes
+    ----------
+    squeeze_n : float
+        Force against the direction in which the finger closes [N].
+    across_n : float
+        Force across the finger, of any direction [N]: at least the former.
+    along_n : float
+        Force along the finger, away from its base [N].
+    bend_n : float
+        `squeeze_n` if there were no friction [N]: less right, and without the noise of the length.
+    noise_n : float
+        Standard deviation of `bend_n` by the noise of the pose [N].
+    place_m : ndarray (3,)
+        Where it touches, in the world [m].
+    """
+
+    squeeze_n: float
+    across_n: float
+    along_n: float
+    bend_n: float
+    noise_n: float
+    place_m: Array
+
+
+@dataclass(frozen=True)
+class Finger:
+    """A finger of a hand.
+
+    Attributes
+    ----------
+    arm : SoftArm
+        Its model.
+    closing : ndarray (n_u,)
+        Pressures that close it, in parts of the largest one.
+    touch_m : float
+        Place along it at which it touches [m]; a finger feels moments alone, not where a force acts.
+    noise : ndarray (n_q,)
+        Standard deviation of its measured coordinates.
+    """
+
+    arm: SoftArm
+    closing: Array
+    touch_m: float
+    noise: Array
+
+    def __post_init__(self) -> None:
+        arm = self.arm
+        closing, noise = np.asarray(self.closing, dtype=float), np.asarray(self.noise, dtype=float)
+        if closing.shape != (arm.n_u,) or not (closing >= 0.0).all() or closing.max() != 1.0:
+            raise ConfigError(
+                arm.robot.name, "closing", self.closing, f"{arm.n_u} numbers from 0 to 1, the largest one 1"
+            )
+        if noise.shape != (arm.n_q,) or not (noise >= 0.0).all():
+            raise ConfigError(arm.robot.name, "noise", self.noise, f"{arm.n_q} numbers of 0 or more")
+        if not 0.0 < self.touch_m <= arm.length:
+            raise ConfigError(
+                arm.robot.name, "touch_m", self.touch_m, f"a place above 0 and up to {arm.length:g} m"
+            )
+
+    @cached_property
+    def _radius(self) -> float:
+        """Radius of the section that touches [m]."""
+        site = find_site(self.arm.robot, self.arm.tables, self.touch_m)
+        link = self.arm.robot.links[site.link]
+        return float(radius_profile(link, np.array([site.place / link.length]))[0])
+
+    def feel(self, q: Array, pressure_pa: Array) -> FingerForce:
+        """Return the force at the place of touch.
+
+        At rest elastic force and weight balance the pressures and J' f; of more coordinates than three the
+        force is the one whose deflection is nearest to the measured one, by energy. Without contact the
+        free shape under these pressures is the measured one, and the force 0.
+
+        Parameters
+        ----------
+        q : ndarray (n_q,)
+            Measured coordinates.
+        pressure_pa : ndarray (n_u,)
+            Measured pressures [Pa gauge].
+        """
+        arm = self.arm
+        missing = arm.elastic_force(q) + arm.gravity_force(q) - arm.pressure_force(q, pressure_pa)
+        stiffness = arm.stiffness_matrix(q)
+        pose, jacobian = arm.pose_and_jacobian(q, self.touch_m)
+        turn, J = pose[:3, :3] @ jacobian[:3], pose[:3, :3] @ jacobian[3:]
+        along = pose[:3, 2]
+        way = J @ np.linalg.solve(stiffness, arm.actuation_matrix(q) @ self.closing)
+        way -= (way @ along) * along
+        way /= np.linalg.norm(way)
+        # Friction acts on the skin: about the backbone it has a moment, which is no squeeze.
+        skin = self._radius * way
+        J = J + np.cross(turn.T, skin).T
+        soft = np.linalg.solve(stiffness, J.T).T  # displacement by generalised force, (3, n_q)
+        by_force = np.linalg.solve(soft @ J.T, soft)
+        force = by_force @ missing
+        by_bend = way @ soft / float(way @ soft @ J.T @ way)
+        noise = float(np.linalg.norm(by_bend @ stiffness * self.noise))
+        axial = float(force @ along)
+        across = float(np.linalg.norm(force - axial * along))
+        return FingerForce(
+            -float(force @ way), across, axial, -float(by_bend @ missing), noise, pose[:3, 3] + skin
+        )

@@ -1,0 +1,55 @@
+"""How a hand squeezes."""
+
+from __future__ import annotations
+
+from pydantic import Field, model_validator
+
+from soro_core.config import Strict
+
+
+class SqueezeSettings(Strict):
+    """Forces, pressures and times of a squeeze; forces are those of one finger, across it."""
+
+    force_n: float = Field(0.015, gt=0, description="of the first squeeze [N]")
+    crush_n: float = Field(0.3, gt=0, description="that no finger may pass [N]")
+    crush_part: float = Field(
+        0.85, gt=0, le=1, description="of crush_n at which the force stops: what the estimate may err"
+    )
+    most_pa: float = Field(90e3, gt=0, description="largest pressure of a chamber that closes a finger [Pa]")
+    close_pa_s: float = Field(10e3, gt=0, description="rate at which fingers close and open [Pa/s]")
+    pa_per_n: float = Field(
+        5e5,
+        gt=0,
+        description="pressure for a force, of a finger that touches; the forces of fingers without pose are "
+        "known by it alone [Pa/N]",
+    )
+    touch_pa: float = Field(16e3, ge=0, description="pressure at which a finger without pose touches [Pa]")
+    touch_n: float = Field(0.005, gt=0, description="least force that is a touch: what the model may err [N]")
+    noise_sigmas: float = Field(5.0, ge=0, description="that a touch is above the noise of the pose")
+    filter_s: float = Field(
+        0.1, gt=0, description="time constant of poses and pressures, and of a step to a force [s]"
+    )
+    slip_factor: float = Field(
+        1.06, gt=1, le=2, description="by which the force rises where the object slips"
+    )
+    slip_s: float = Field(0.2, gt=0, description="between two such rises [s]")
+    slip_m_s: float = Field(5e-4, gt=0, description="speed of a tracked object that is a slip [m/s]")
+    slip_part: float = Field(
+        0.2, gt=0, lt=1, description="part of the force that a slip takes away while the pressures hold"
+    )
+
+    @model_validator(mode="after")
+    def _order(self) -> SqueezeSettings:
+        if not self.touch_n <= self.force_n <= self.limit_n:
+            raise ValueError(
+                f"touch_n = {self.touch_n:g}, force_n = {self.force_n:g}, crush_part crush_n = "
+                f"{self.limit_n:g} N: none above the next one"
+            )
+        if self.touch_pa > self.most_pa:
+            raise ValueError(f"touch_pa = {self.touch_pa:g} Pa: at most most_pa = {self.most_pa:g} Pa")
+        return self
+
+    @property
+    def limit_n(self) -> float:
+        """Estimated force at which the hand does not squeeze harder [N]."""
+        return self.crush_part * self.crush_n

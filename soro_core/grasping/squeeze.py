@@ -1,0 +1,282 @@
+"""A squeeze from tick to tick: close, touch, squeeze, hold, squeeze harder where the object slips, open.
+
+The bending that pressure alone does not explain is the force of contact, as in Herrera, Huh and Milutinovic,
+arXiv 2410.01078, who keep a multiple of it; here a model turns it into newtons, and a loop on these sets the
+pressures, as arXiv 1909.06756 has it with sensors of force. That force rises while the object slips is
+Wong and Zhu, doi 10.3389/frobt.2026.1735467; they see the slip by tactile sensors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from soro_core.arrays import Array, Flags
+from soro_core.errors import ConfigError
+from soro_core.frozen import replaced
+from soro_core.grasping.finger import Finger
+from soro_core.grasping.settings import SqueezeSettings
+
+Phase: TypeAlias = Literal["open", "closing", "touching", "squeezing", "holding", "slipping", "opening"]
+# Part of the goal at which a squeeze holds, and mean times of the filter for which it looks away after that.
+_REACHED, _SETTLED = 0.97, 3.0
+
+
+@dataclass(frozen=True)
+class Felt:
+    """What is measured at a tick.
+
+    Attributes
+    ----------
+    pressure_pa : sequence of ndarray (n_u,)
+        Of each finger [Pa gauge].
+    q : sequence of (ndarray (n_q,) or None)
+        Coordinates of each finger by its pose; None without a pose.
+    height_m : float or None
+        Height of the object in the world, where something tracks it [m].
+    """
+
+    pressure_pa: Sequence[Array]
+    q: Sequence[Array | None]
+    height_m: float | None = None
+
+
+@dataclass(frozen=True)
+class SqueezeState:
+    """State between two ticks; that of the start is an open hand.
+
+    Attributes
+    ----------
+    phase : str
+        What the hand does.
+    level_pa : ndarray (n,)
+        Pressure of the chamber that closes each finger most [Pa].
+    touches : ndarray (n,) of bool
+        Which fingers have touched the object.
+    force_n : ndarray (n,)
+        Squeeze of each finger [N]; by its pressure where it has no pose.
+    along_n : ndarray (n,)
+        Force along each finger [N]; nan without a pose.
+    goal_n : float
+        Squeeze that is asked for [N].
+    smooth : tuple of (ndarray or None)
+        Low-passed coordinates and pressures of each finger in one.
+    height_m : ndarray (2,)
+        Height of the object over the fingers' places of touch, behind one low-pass and behind two [m]; nan
+        where it is not tracked.
+    held_n : float
+        Mean squeeze since the pressures hold [N].
+    since_s : float
+        Time in this phase [s].
+    felt_s : float
+        Time since the start [s].
+    most_n : float
+        Largest force across a finger [N].
+    cause : str
+        Why it opens; empty where it was asked to.
+    """
+
+    phase: Phase
+    level_pa: Array
+    touches: Flags
+    force_n: Array
+    along_n: Array
+    goal_n: float
+    smooth: tuple[Array | None, ...]
+    height_m: Array
+    held_n: float = 0.0
+    since_s: float = 0.0
+    felt_s: float = 0.0
+    most_n: float = 0.0
+    cause: str = ""
+
+
+class Squeeze:
+    """Squeezes an object between fingers; weight and friction are not told.
+
+    Parameters
+    ----------
+    fingers : sequence of Finger
+        Two or more.
+    settings : SqueezeSettings
+
+    Raises
+    ------
+    ConfigError
+        With fewer than two fingers.
+    """
+
+    def __init__(self, fingers: Sequence[Finger], settings: SqueezeSettings) -> None:
+        if len(fingers) < 2:
+            raise ConfigError("hand", "fingers", len(fingers), "two or more")
+        self.fingers, self.settings = tuple(fingers), settings
+        self._steps: dict[Phase, Callable[[SqueezeState, float], SqueezeState]] = {
+            "open": lambda state, dt: state,
+            "closing": self._closing,
+            "touching": self._closing,
+            "squeezing": self._squeezing,
+            "holding": self._holding,
+            "slipping": self._slipping,
+            "opening": self._opening,
+        }
+
+    def initial_state(self) -> SqueezeState:
+        """Return the state of an open hand."""
+        n, s = len(self.fingers), self.settings
+        none, nan = np.zeros(n), np.full(2, np.nan)
+        return SqueezeState("open", none, np.zeros(n, dtype=bool), none, none, s.force_n, (None,) * n, nan)
+
+    def pressures(self, state: SqueezeState) -> list[Array]:
+        """Return the pressures that are wanted of each finger, (n_u,) [Pa gauge]."""
+        return [one.closing * level for one, level in zip(self.fingers, state.level_pa, strict=True)]
+
+    def step(self, state: SqueezeState, felt: Felt, closes: bool, dt: float) -> SqueezeState:
+        """Return the state after a tick.
+
+        Parameters
+        ----------
+        state : SqueezeState
+        felt : Felt
+        closes : bool
+            Whether the hand is to hold, or to be open.
+        dt : float
+            Time since the last tick [s].
+
+        Raises
+        ------
+        ConfigError
+            If what is measured is not finite or not of these fingers.
+        """
+        state = self._feel(state, felt, dt)
+        if not closes:
+            state = replaced(state, cause="")
+            if state.phase not in ("open", "opening"):
+                state = _begin(state, "opening")
+        elif state.phase == "open" and not state.cause:
+            state = _begin(state, "closing", goal_n=self.settings.force_n)
+        elif state.phase == "opening" and not state.cause:
+            state = _begin(state, "closing", touches=np.zeros_like(state.touches))
+        return self._steps[state.phase](state, dt)
+
+    def _feel(self, state: SqueezeState, felt: Felt, dt: float) -> SqueezeState:
+        """Return the state with the forces that the fingers feel, and with how the object moves."""
+        s, n = self.settings, len(self.fingers)
+        if len(felt.q) != n or len(felt.pressure_pa) != n:
+            raise ConfigError("felt", "q, pressure_pa", (len(felt.q), len(felt.pressure_pa)), f"{n} fingers")
+        if felt.height_m is not None and not np.isfinite(felt.height_m):
+            raise ConfigError("felt", "height_m", felt.height_m, "a finite number, or None")
+        new = dt / (s.filter_s + dt)
+        force, across, along = np.zeros(n), np.zeros(n), np.full(n, np.nan)
+        smooth, places, touches = list[Array | None](), list[float](), state.touches.copy()
+        for i, (one, q, p, last) in enumerate(
+            zip(self.fingers, felt.q, felt.pressure_pa, state.smooth, strict=True)
+        ):
+            if q is None:
+                force[i] = across[i] = (state.level_pa[i] - s.touch_pa) / s.pa_per_n
+                smooth.append(None)
+                touches[i] |= state.level_pa[i] >= s.touch_pa
+                continue
+            row = np.concatenate([q, p])
+            if not np.isfinite(row).all():
+                raise ConfigError("felt", f"finger {i}", row.tolist(), "finite numbers")
+            row = row if last is None else last + new * (row - last)
+            smooth.append(row)
+            feels = one.feel(row[: one.arm.n_q], row[one.arm.n_q :])
+            force[i], across[i], along[i] = feels.squeeze_n, feels.across_n, feels.along_n
+            # A low-pass of white noise leaves this part of its deviation.
+            noise = feels.noise_n * np.sqrt(new / (2.0 - new))
+            touches[i] |= feels.bend_n > max(s.touch_n, s.noise_sigmas * noise)
+            places.append(feels.place_m[2])
+        # Fingers get longer, and what sticks to them goes with them.
+        below = float(np.mean(places)) if places else 0.0
+        height = np.full(2, np.nan if felt.height_m is None else felt.height_m - below)
+        is_as_before = [row is None for row in smooth] == [row is None for row in state.smooth]
+        if is_as_before and np.isfinite(state.height_m).all():
+            first = state.height_m[0] + new * (height[0] - state.height_m[0])
+            height = np.array([first, state.height_m[1] + new * (first - state.height_m[1])])
+        looks = state.phase in ("closing", "touching") and state.felt_s > _SETTLED * s.filter_s
+        return replaced(
+            state,
+            smooth=tuple(smooth),
+            force_n=force,
+            along_n=along,
+            touches=touches if looks else state.touches,
+            height_m=height,
+            since_s=state.since_s + dt,
+            felt_s=state.felt_s + dt,
+            most_n=float(across.max()),
+        )
+
+    def _closing(self, state: SqueezeState, dt: float) -> SqueezeState:
+        """Close each finger until it touches."""
+        s = self.settings
+        if state.touches.all():
+            return _begin(state, "squeezing")
+        if state.touches.any() and state.phase == "closing":
+            state = _begin(state, "touching")
+        waits = state.level_pa >= s.most_pa
+        if (waits | state.touches).all():
+            return _begin(state, "opening", cause="a finger has met nothing")
+        level = np.where(state.touches, state.level_pa, state.level_pa + dt * s.close_pa_s)
+        return self._limited(state, level, dt)
+
+    def _squeezing(self, state: SqueezeState, dt: float) -> SqueezeState:
+        """Raise all pressures together: fingers that each keep a force of their own push the object away."""
+        s, mean = self.settings, float(state.force_n.mean())
+        is_limited = state.most_n >= s.limit_n or state.level_pa.max() >= s.most_pa
+        if is_limited or mean >= _REACHED * state.goal_n:
+            return _begin(state, "holding", held_n=mean)
+        rate = np.clip((state.goal_n - mean) * s.pa_per_n / s.filter_s, -s.close_pa_s, s.close_pa_s)
+        return self._limited(state, state.level_pa + dt * rate, dt)
+
+    def _holding(self, state: SqueezeState, dt: float) -> SqueezeState:
+        """Keep the pressures, and look for a slip."""
+        mean = float(state.force_n.mean())
+        if state.since_s <= _SETTLED * self.settings.filter_s:
+            state = replaced(state, held_n=mean)
+        elif self._slips(state):
+            return self._harder(state)
+        return self._limited(state, state.level_pa, dt)
+
+    def _slipping(self, state: SqueezeState, dt: float) -> SqueezeState:
+        """Squeeze harder, by a factor each time, for as long as it slips."""
+        s, mean = self.settings, float(state.force_n.mean())
+        if state.since_s >= s.slip_s:
+            if not self._slips(state):
+                return _begin(state, "holding", held_n=mean)
+            if state.force_n.max() < s.touch_n:
+                return _begin(state, "opening", cause="the object is gone")
+            state = self._harder(state)
+        rate = max((state.goal_n - mean) * s.pa_per_n / s.filter_s, 0.0)
+        return self._limited(state, state.level_pa + dt * rate, dt)
+
+    def _opening(self, state: SqueezeState, dt: float) -> SqueezeState:
+        level = np.maximum(state.level_pa - dt * self.settings.close_pa_s, 0.0)
+        state = replaced(state, level_pa=level)
+        return state if level.any() else _begin(state, "open", touches=np.zeros_like(state.touches))
+
+    def _slips(self, state: SqueezeState) -> bool:
+        """Whether the object moves down, or has taken force away from the fingers."""
+        s = self.settings
+        falls = float(state.height_m[1] - state.height_m[0]) / s.filter_s
+        return falls > s.slip_m_s or float(state.force_n.mean()) < (1.0 - s.slip_part) * state.held_n
+
+    def _harder(self, state: SqueezeState) -> SqueezeState:
+        goal = min(
+            max(state.goal_n, float(state.force_n.mean())) * self.settings.slip_factor, self.settings.limit_n
+        )
+        return _begin(state, "slipping", goal_n=goal)
+
+    def _limited(self, state: SqueezeState, level: Array, dt: float) -> SqueezeState:
+        """Return the state with these pressures; at the crush limit they only fall."""
+        s = self.settings
+        if state.most_n >= s.limit_n:
+            level = state.level_pa - (dt * s.close_pa_s if state.most_n > s.limit_n else 0.0)
+        return replaced(state, level_pa=np.clip(level, 0.0, s.most_pa))
+
+
+def _begin(state: SqueezeState, phase: Phase, **changes: object) -> SqueezeState:
+    return replaced(state, phase=phase, since_s=0.0, **changes)

@@ -1,0 +1,202 @@
+"""A hand that squeezes what it does not know: its force, its limit, and what it does about a slip."""
+
+import numpy as np
+import pytest
+
+from soro_core.bodies import BallShape, BodyMotion, BodyWorld, BoxShape, RigidBody, simulate_world
+from soro_core.errors import ConfigError
+from soro_core.frozen import replaced
+from soro_core.grasping import Felt, Finger, Squeeze, SqueezeSettings, SqueezeTrial, simulate_squeeze
+from soro_core.model.equilibrium.statics import equilibrium
+from tests.soro_core.bodies.scenes import WEIGHT, fingers
+
+NOISE = np.array([1.5e-3, 0.05, 0.05])
+CLOSING = np.array([1.0, 0.0, 0.0])
+BEGIN, END = 2.5, 11.0
+
+
+def hand(noise=NOISE, **settings):
+    models = [Finger(arm, CLOSING, 0.062, noise) for arm in fingers().values()]
+    return Squeeze(models, SqueezeSettings(**settings))
+
+
+def on_table(mass=0.02, friction=0.6, radius=0.016, is_there=True):
+    """A ball between fingers, on a table that sinks by 6 mm within 6 s, and then away."""
+    motion = BodyMotion(
+        at_s=(BEGIN, BEGIN + 6.0, BEGIN + 7.0),
+        displacement_m=(0.0, 0.0, 0.0, 0.0, 0.0, -0.006, 0.0, 0.0, -0.036),
+    )
+    high = -0.06 if is_there else -0.2
+    ball = RigidBody(shape=BallShape(radius=radius), mass=mass, friction=friction, position=[0.0, 0.0, high])
+    at = [0.0, 0.0, high - radius - 0.01]
+    table = RigidBody(shape=BoxShape(size=[0.02] * 3), fixed=True, position=at, motion=motion)
+    return BodyWorld({"object": ball, "table": table}, fingers(), points_per_link=9)
+
+
+def phases(run):
+    names = [state.phase for state in run.states]
+    return [name for name, before in zip(names, ["", *names], strict=False) if name != before]
+
+
+def test_force_of_a_finger_is_that_of_the_contact():
+    """Against the truth of a world where the tip of the finger leans on a block without friction."""
+    arm = fingers(1)["finger0"]
+    block = RigidBody(
+        shape=BoxShape(size=[0.02, 0.1, 0.01]), fixed=True, position=[0.005, 0.0, -0.062], friction=0.0
+    )
+    pressure = np.array([40e3, 0.0, 0.0])
+    result = simulate_world(
+        BodyWorld({"block": block}, {"finger": arm}), t_end=1.5, pressures={"finger": pressure}
+    )
+    truth = result.normal_force("finger")[-1]
+    felt = Finger(arm, CLOSING, arm.length, NOISE).feel(result.q["finger"][-1], pressure)
+    assert truth > 0.05
+    assert felt.squeeze_n == pytest.approx(truth, rel=0.08)
+    assert felt.across_n == pytest.approx(felt.squeeze_n)
+
+
+def test_a_finger_in_the_air_feels_nothing():
+    arm = fingers(1)["finger0"]
+    pressure = np.array([30e3, 5e3, 0.0])
+    felt = Finger(arm, CLOSING, 0.062, NOISE).feel(equilibrium(arm, pressure), pressure)
+    assert abs(felt.squeeze_n) < 1e-6
+    assert abs(felt.along_n) < 1e-6
+
+
+def test_a_ball_is_held_by_little_more_than_its_weight_needs():
+    mass, friction = 0.02, 0.6
+    run = simulate_squeeze(
+        on_table(mass, friction), hand(force_n=0.01), "object", t_end=END, trial=SqueezeTrial(step_s=1e-3)
+    )
+    assert phases(run)[:5] == ["closing", "touching", "squeezing", "holding", "slipping"]
+    assert run.states[-1].phase == "holding"
+    late = run.height_m[run.t > END - 1.0]
+    assert np.ptp(late) < 5e-5
+    needed = mass * WEIGHT / friction
+    # The first squeeze is too weak: it has slipped, and no more than it must.
+    at_first = run.normal_n[round(BEGIN * 100)].sum()
+    assert at_first < 0.5 * needed
+    assert run.normal_n.sum(axis=1).max() < 1.3 * needed
+
+
+def test_untracked_the_same_weak_squeeze_loses_the_ball():
+    """That the ball above is held is due to the slip that is seen."""
+    run = simulate_squeeze(
+        on_table(), hand(force_n=0.01), "object", t_end=END, trial=SqueezeTrial(step_s=1e-3, tracked_m=None)
+    )
+    assert run.height_m[-1] < -0.075
+
+
+@pytest.mark.parametrize("has_pose", [True, False])
+def test_a_firm_squeeze_holds_an_untracked_ball(has_pose):
+    run = simulate_squeeze(
+        on_table(),
+        hand(force_n=0.12),
+        "object",
+        t_end=END,
+        trial=SqueezeTrial(step_s=1e-3, tracked_m=None, has_pose=has_pose),
+    )
+    assert run.height_m[-1] > -0.068
+    assert run.states[-1].phase == "holding"
+
+
+def test_no_finger_passes_the_crush_limit():
+    """A ball that would need four times as much is lost rather than crushed."""
+    crush = 0.06
+    run = simulate_squeeze(
+        on_table(mass=0.05),
+        hand(force_n=0.01, crush_n=crush),
+        "object",
+        t_end=END,
+        trial=SqueezeTrial(step_s=1e-3),
+    )
+    assert run.normal_n.max() < crush
+    assert run.normal_n.max() > 0.5 * crush
+    assert run.height_m[-1] < -0.075
+
+
+def test_a_hand_that_meets_nothing_opens_and_says_so():
+    run = simulate_squeeze(
+        on_table(is_there=False),
+        hand(most_pa=30e3),
+        "object",
+        t_end=8.0,
+        trial=SqueezeTrial(step_s=1e-3),
+        closes=lambda t: t < 7.0,
+    )
+    assert "closing" in phases(run)
+    assert "touching" not in phases(run)
+    assert any(state.cause == "a finger has met nothing" for state in run.states)
+    # Asked to be open once, it may close again.
+    assert run.states[-1].phase == "open"
+    assert run.states[-1].cause == ""
+
+
+def test_the_hand_opens_when_it_is_asked_to():
+    run = simulate_squeeze(
+        on_table(), hand(), "object", t_end=4.0, trial=SqueezeTrial(step_s=1e-3), closes=lambda t: t < 2.0
+    )
+    assert phases(run)[-2:] == ["opening", "open"]
+    assert (run.states[-1].level_pa == 0.0).all()
+    assert run.normal_n[-1].max() == 0.0
+
+
+def test_lost_force_while_the_pressures_hold_is_a_slip():
+    law = hand(noise=np.zeros(3), force_n=0.05, crush_n=1.0)
+    arm, level = law.fingers[0].arm, 30e3
+    free = equilibrium(arm, level * CLOSING)
+    pressure = [level * CLOSING] * 3
+
+    def at(part):
+        """The finger a part of the way to where it would be without contact: less force the nearer it is."""
+        return Felt(pressure, [part * free] * 3)
+
+    state = replaced(
+        law.initial_state(), phase="holding", level_pa=np.full(3, level), touches=np.ones(3, bool)
+    )
+    for _ in range(100):
+        state = law.step(state, at(0.3), True, 0.01)
+    held = state.force_n.mean()
+    assert state.phase == "holding"
+    for _ in range(100):
+        state = law.step(state, at(0.6), True, 0.01)
+        if state.phase == "slipping":
+            break
+    assert state.phase == "slipping"
+    assert state.force_n.mean() < 0.85 * held
+    assert state.goal_n > state.force_n.mean()
+
+
+@pytest.mark.parametrize(
+    ("keys", "said"),
+    [
+        ({"force_n": 0.5}, "none above the next one"),
+        ({"touch_pa": 1e5}, "at most most_pa"),
+        ({"slip_factor": 1.0}, "slip_factor"),
+    ],
+)
+def test_bad_settings_are_refused_in_one_line(keys, said):
+    with pytest.raises(ConfigError, match=said) as error:
+        SqueezeSettings(**keys)
+    assert "\n" not in str(error.value)
+
+
+def test_bad_fingers_and_measurements_are_refused():
+    arm = fingers(1)["finger0"]
+    for closing, place, noise, said in (
+        ([1.0, 0.0], 0.06, NOISE, "closing"),
+        ([0.5, 0.0, 0.0], 0.06, NOISE, "closing"),
+        (CLOSING, 0.07, NOISE, "touch_m"),
+        (CLOSING, 0.06, -NOISE, "noise"),
+    ):
+        with pytest.raises(ConfigError, match=said):
+            Finger(arm, np.array(closing), place, noise)
+    with pytest.raises(ConfigError, match="two or more"):
+        Squeeze([Finger(arm, CLOSING, 0.06, NOISE)], SqueezeSettings())
+    law = hand()
+    with pytest.raises(ConfigError, match="finite"):
+        law.step(law.initial_state(), Felt([np.zeros(3)] * 3, [np.full(3, np.nan)] * 3), True, 0.01)
+    with pytest.raises(ConfigError, match="finite"):
+        law.step(law.initial_state(), Felt([np.zeros(3)] * 3, [np.zeros(3)] * 3, np.nan), True, 0.01)
+    with pytest.raises(ConfigError, match="3 fingers"):
+        law.step(law.initial_state(), Felt([np.zeros(3)] * 2, [None] * 2), True, 0.01)

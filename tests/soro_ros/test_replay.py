@@ -125,7 +125,7 @@ def test_a_changed_filter_differs_and_the_controller_beside_it_does_not():
         ((str(SMALL), "--tolerance", "inf"), "--tolerance: got inf; allowed: a finite number"),
         ((str(SMALL), "--nodes", "twin"), "--nodes: got 'twin'; allowed: of estimator, controller"),
         ((str(SMALL), "--set", "mode=real_time"), "mode: got 'real_time'; allowed: lockstep"),
-        ((str(SMALL), "--set", "name=other"), "no message of /other/arm/covariance"),
+        ((str(SMALL), "--set", "name=other"), "/other/arm/covariance"),
         ((str(SMALL), "--set", "estimator.pose.std=1"), "estimator.pose.std"),
         ((str(BAGS),), "neither scene_used.yaml nor scene.yaml"),
     ],

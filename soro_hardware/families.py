@@ -59,7 +59,8 @@ class Family:
         clock : callable
             Returns a monotonic time [s].
         lockstep : bool
-            Whether the cycles advance the time of the devices.
+            Whether the cycles advance the time of the devices: each cycle waits for its answers, at most
+            `lockstep_timeout_s`, and no step waits for the clock.
         """
         regulator: Regulator = self.find(self.driver)(platform, endpoint, clock, lockstep)
         return regulator
@@ -134,12 +135,10 @@ def find_family(name: str) -> Family:
     """
     if name in FAMILIES:
         return FAMILIES[name]
-    family: Family = registered.load(GROUP, FAMILIES, name, _is_family, "soro_hardware.families.Family")
+    family: Family = registered.load(
+        GROUP, FAMILIES, name, lambda found: isinstance(found, Family), "soro_hardware.families.Family"
+    )
     return family
-
-
-def _is_family(found: Any) -> bool:
-    return isinstance(found, Family)
 
 
 def parse_platform(data: Mapping[str, Any], where: str) -> PlatformBase:
@@ -189,18 +188,5 @@ def open_regulator(
     clock: Callable[[], float] = time.monotonic,
     lockstep: bool = False,
 ) -> Regulator:
-    """Make the driver of a platform, which opens nothing before `Regulator.configure`.
-
-    Parameters
-    ----------
-    platform : PlatformBase
-        Description of the hardware.
-    endpoint : str, optional
-        Path or address that replaces the platform's device, for example that of an emulator.
-    clock : callable
-        Returns a monotonic time [s].
-    lockstep : bool
-        Whether the cycles advance the time of the devices: each cycle waits for its answers, at most
-        `lockstep_timeout_s`, and no step waits for the clock.
-    """
+    """Make the driver of a platform; parameters as in `Family.open`."""
     return find_family(platform.family).open(platform, endpoint, clock, lockstep)

@@ -145,14 +145,11 @@ def as_number(value: Any, unit: str) -> Any:
         match = _NUMBER.fullmatch(value.strip())
         return value if match is None or not match[2] else _converted(float(match[1]), match[2], unit)
     if isinstance(value, list | tuple):
-        return [as_number(item, unit) for item in value] if any(map(_may_have_text, value)) else value
+        has_text = any(isinstance(item, str | list | tuple) for item in value)
+        return [as_number(item, unit) for item in value] if has_text else value
     if isinstance(value, Mapping):
         return {key: as_number(item, unit) for key, item in value.items()}
     return value
-
-
-def _may_have_text(value: Any) -> bool:
-    return isinstance(value, str | list | tuple)
 
 
 def _converted(number: float, own: str, unit: str) -> float:

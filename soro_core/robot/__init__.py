@@ -1,43 +1,31 @@
 """Frozen description of a robot and its strict loading."""
 
-from soro_core.robot.basis import shape_integrals, shape_values, strain_rows
-from soro_core.robot.chamber import Chamber, Tendon
-from soro_core.robot.description import Calibration, Robot, SensorBody, refuse_tendons
-from soro_core.robot.discretisation import Discretisation, with_basis
-from soro_core.robot.link import Creep, Hysteresis, Link, Material
-from soro_core.robot.load import load_robot, robot_from_dict, save_robot
-from soro_core.robot.section import link_damping, link_stiffness, shear_factors
-from soro_core.robot.strain import StrainField
-from soro_core.robot.surroundings import BaseState, Contacts, Plane, PointMass, Shake, Sphere, TipConstraint
-
-__all__ = [
-    "BaseState",
-    "Calibration",
-    "Chamber",
-    "Contacts",
-    "Creep",
-    "Discretisation",
-    "Hysteresis",
-    "Link",
-    "Material",
-    "Plane",
-    "PointMass",
-    "Robot",
-    "SensorBody",
-    "Shake",
-    "Sphere",
-    "StrainField",
-    "Tendon",
-    "TipConstraint",
-    "link_damping",
-    "link_stiffness",
-    "load_robot",
-    "refuse_tendons",
-    "robot_from_dict",
-    "save_robot",
-    "shape_integrals",
-    "shape_values",
-    "shear_factors",
-    "strain_rows",
-    "with_basis",
-]
+from soro_core.robot.basis import shape_integrals as shape_integrals
+from soro_core.robot.basis import shape_values as shape_values
+from soro_core.robot.basis import strain_rows as strain_rows
+from soro_core.robot.chamber import Chamber as Chamber
+from soro_core.robot.chamber import Tendon as Tendon
+from soro_core.robot.description import Calibration as Calibration
+from soro_core.robot.description import Robot as Robot
+from soro_core.robot.description import SensorBody as SensorBody
+from soro_core.robot.description import refuse_tendons as refuse_tendons
+from soro_core.robot.discretisation import Discretisation as Discretisation
+from soro_core.robot.discretisation import with_basis as with_basis
+from soro_core.robot.link import Creep as Creep
+from soro_core.robot.link import Hysteresis as Hysteresis
+from soro_core.robot.link import Link as Link
+from soro_core.robot.link import Material as Material
+from soro_core.robot.load import load_robot as load_robot
+from soro_core.robot.load import robot_from_dict as robot_from_dict
+from soro_core.robot.load import save_robot as save_robot
+from soro_core.robot.section import link_damping as link_damping
+from soro_core.robot.section import link_stiffness as link_stiffness
+from soro_core.robot.section import shear_factors as shear_factors
+from soro_core.robot.strain import StrainField as StrainField
+from soro_core.robot.surroundings import BaseState as BaseState
+from soro_core.robot.surroundings import Contacts as Contacts
+from soro_core.robot.surroundings import Plane as Plane
+from soro_core.robot.surroundings import PointMass as PointMass
+from soro_core.robot.surroundings import Shake as Shake
+from soro_core.robot.surroundings import Sphere as Sphere
+from soro_core.robot.surroundings import TipConstraint as TipConstraint

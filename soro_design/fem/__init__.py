@@ -1,95 +1,63 @@
 """Nonlinear finite elements of soft parts: materials, meshes, loads and equilibrium (docs/design.md)."""
 
-from soro_design.fem.backbone import section_poses, section_strains
-from soro_design.fem.contact import Contact, Obstacle
-from soro_design.fem.elements.fibres import Fibres, fibres, pieces_of
-from soro_design.fem.elements.material import (
-    Hyperelastic,
-    SaintVenant,
-    drucker_modulus,
-    first_unstable,
-    load_material,
-    material_from_dict,
-    nominal_stress,
-)
-from soro_design.fem.elements.mesh import Mesh, make_mesh
-from soro_design.fem.loads import Loads, Pressure, no_loads, spread_spring, traction
-from soro_design.fem.meshes.bellows import Bellows, bellows_mesh
-from soro_design.fem.meshes.blocks import block, mapped, revolved_tube, sphere, tube
-from soro_design.fem.meshes.hexahedra import extruded_mesh, revolved_mesh
-from soro_design.fem.meshes.mesh_files import MeshFile, mesh_step, mesh_stl, read_mesh, write_mesh
-from soro_design.fem.meshes.rod import Rod, RodCounts, RodShape, rod_mesh
-from soro_design.fem.meshes.stl import read_stl, write_stl
-from soro_design.fem.meshes.surface import extruded, revolved, solid_surface
-from soro_design.fem.meshes.vtu import write_pvd, write_vtu
-from soro_design.fem.part import Balance, Part, make_part
-from soro_design.fem.solve.arc import follow
-from soro_design.fem.solve.dynamics import DynamicsResult, Moving, march
-from soro_design.fem.solve.mass import VibrationModes, modes
-from soro_design.fem.solve.newton import solve
-from soro_design.fem.solve.states import EquilibriumState, LoadSolution, SolverSettings
-from soro_design.fem.stress import Strained, strained
-
-__all__ = [
-    "Balance",
-    "Bellows",
-    "Contact",
-    "DynamicsResult",
-    "EquilibriumState",
-    "Fibres",
-    "Hyperelastic",
-    "LoadSolution",
-    "Loads",
-    "Mesh",
-    "MeshFile",
-    "Moving",
-    "Obstacle",
-    "Part",
-    "Pressure",
-    "Rod",
-    "RodCounts",
-    "RodShape",
-    "SaintVenant",
-    "SolverSettings",
-    "Strained",
-    "VibrationModes",
-    "bellows_mesh",
-    "block",
-    "drucker_modulus",
-    "extruded",
-    "extruded_mesh",
-    "fibres",
-    "first_unstable",
-    "follow",
-    "load_material",
-    "make_mesh",
-    "make_part",
-    "mapped",
-    "march",
-    "material_from_dict",
-    "mesh_step",
-    "mesh_stl",
-    "modes",
-    "no_loads",
-    "nominal_stress",
-    "pieces_of",
-    "read_mesh",
-    "read_stl",
-    "revolved",
-    "revolved_mesh",
-    "revolved_tube",
-    "rod_mesh",
-    "section_poses",
-    "section_strains",
-    "solid_surface",
-    "solve",
-    "sphere",
-    "spread_spring",
-    "strained",
-    "traction",
-    "tube",
-    "write_mesh",
-    "write_pvd",
-    "write_stl",
-    "write_vtu",
-]
+from soro_design.fem.backbone import section_poses as section_poses
+from soro_design.fem.backbone import section_strains as section_strains
+from soro_design.fem.contact import Contact as Contact
+from soro_design.fem.contact import Obstacle as Obstacle
+from soro_design.fem.elements.fibres import Fibres as Fibres
+from soro_design.fem.elements.fibres import fibres as fibres
+from soro_design.fem.elements.fibres import pieces_of as pieces_of
+from soro_design.fem.elements.material import Hyperelastic as Hyperelastic
+from soro_design.fem.elements.material import SaintVenant as SaintVenant
+from soro_design.fem.elements.material import drucker_modulus as drucker_modulus
+from soro_design.fem.elements.material import first_unstable as first_unstable
+from soro_design.fem.elements.material import load_material as load_material
+from soro_design.fem.elements.material import material_from_dict as material_from_dict
+from soro_design.fem.elements.material import nominal_stress as nominal_stress
+from soro_design.fem.elements.mesh import Mesh as Mesh
+from soro_design.fem.elements.mesh import make_mesh as make_mesh
+from soro_design.fem.loads import Loads as Loads
+from soro_design.fem.loads import Pressure as Pressure
+from soro_design.fem.loads import no_loads as no_loads
+from soro_design.fem.loads import spread_spring as spread_spring
+from soro_design.fem.loads import traction as traction
+from soro_design.fem.meshes.bellows import Bellows as Bellows
+from soro_design.fem.meshes.bellows import bellows_mesh as bellows_mesh
+from soro_design.fem.meshes.blocks import block as block
+from soro_design.fem.meshes.blocks import mapped as mapped
+from soro_design.fem.meshes.blocks import revolved_tube as revolved_tube
+from soro_design.fem.meshes.blocks import sphere as sphere
+from soro_design.fem.meshes.blocks import tube as tube
+from soro_design.fem.meshes.hexahedra import extruded_mesh as extruded_mesh
+from soro_design.fem.meshes.hexahedra import revolved_mesh as revolved_mesh
+from soro_design.fem.meshes.mesh_files import MeshFile as MeshFile
+from soro_design.fem.meshes.mesh_files import mesh_step as mesh_step
+from soro_design.fem.meshes.mesh_files import mesh_stl as mesh_stl
+from soro_design.fem.meshes.mesh_files import read_mesh as read_mesh
+from soro_design.fem.meshes.mesh_files import write_mesh as write_mesh
+from soro_design.fem.meshes.rod import Rod as Rod
+from soro_design.fem.meshes.rod import RodCounts as RodCounts
+from soro_design.fem.meshes.rod import RodShape as RodShape
+from soro_design.fem.meshes.rod import rod_mesh as rod_mesh
+from soro_design.fem.meshes.stl import read_stl as read_stl
+from soro_design.fem.meshes.stl import write_stl as write_stl
+from soro_design.fem.meshes.surface import extruded as extruded
+from soro_design.fem.meshes.surface import revolved as revolved
+from soro_design.fem.meshes.surface import solid_surface as solid_surface
+from soro_design.fem.meshes.vtu import write_pvd as write_pvd
+from soro_design.fem.meshes.vtu import write_vtu as write_vtu
+from soro_design.fem.part import Balance as Balance
+from soro_design.fem.part import Part as Part
+from soro_design.fem.part import make_part as make_part
+from soro_design.fem.solve.arc import follow as follow
+from soro_design.fem.solve.dynamics import DynamicsResult as DynamicsResult
+from soro_design.fem.solve.dynamics import Moving as Moving
+from soro_design.fem.solve.dynamics import march as march
+from soro_design.fem.solve.mass import VibrationModes as VibrationModes
+from soro_design.fem.solve.mass import modes as modes
+from soro_design.fem.solve.newton import solve as solve
+from soro_design.fem.solve.states import EquilibriumState as EquilibriumState
+from soro_design.fem.solve.states import LoadSolution as LoadSolution
+from soro_design.fem.solve.states import SolverSettings as SolverSettings
+from soro_design.fem.stress import Strained as Strained
+from soro_design.fem.stress import strained as strained

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import yaml
 
+from soro_core.files.rounded import rounded
 from soro_design.robot_of_part.direct import Direct
 from soro_design.robot_of_part.joint import TipError
 from soro_design.robot_of_part.link import GIVEN, at_bound, robot_keys
@@ -121,7 +121,7 @@ def write_robot(found: PartIdentification, source: str, out: Path) -> list[Path]
 def robot_text(found: PartIdentification, source: str, out: Path) -> str:
     """Return the robot file, parameters as in `write_robot`."""
     strains = None if found.samples is None else strain_keys(found.samples, out)
-    keys = _rounded(robot_keys(found.known, found.values, strains))
+    keys = rounded(robot_keys(found.known, found.values, strains), _DIGITS)
     lines = [f"Identified by soro identify-fem from {source}; not measured.", *quality(found)]
     if found.known.viscosity_pa_s:
         lines.append(f"Damping: from viscosity_pa_s {found.known.viscosity_pa_s:g} of the part file.")
@@ -231,11 +231,3 @@ def mean_and_most(errors: Sequence[TipError], key: str = "share") -> tuple[float
 def _errors(errors: Sequence[TipError], key: str) -> str:
     mean, most = mean_and_most(errors, key)
     return f"mean {100.0 * mean:.2f}, greatest {100.0 * most:.2f}"
-
-
-def _rounded(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _rounded(each) for key, each in value.items()}
-    if isinstance(value, list):
-        return [_rounded(each) for each in value]
-    return float(f"{value:.{_DIGITS}g}") if isinstance(value, float) else value

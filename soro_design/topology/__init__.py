@@ -24,24 +24,17 @@ Topology optimization of fluidic pressure-loaded structures and compliant mechan
 The method of moving asymptotes, 1987.
 """
 
-from soro_design.topology.check import FinalPart, Reanalysis, reanalyse, shape
-from soro_design.topology.domain import Domain, make_domain
-from soro_design.topology.optimise import IterationRow, OptimiserState, load_state, optimise, save
-from soro_design.topology.task import Task, load_task, task_from_dict
-
-__all__ = [
-    "Domain",
-    "FinalPart",
-    "IterationRow",
-    "OptimiserState",
-    "Reanalysis",
-    "Task",
-    "load_state",
-    "load_task",
-    "make_domain",
-    "optimise",
-    "reanalyse",
-    "save",
-    "shape",
-    "task_from_dict",
-]
+from soro_design.topology.check import FinalPart as FinalPart
+from soro_design.topology.check import Reanalysis as Reanalysis
+from soro_design.topology.check import reanalyse as reanalyse
+from soro_design.topology.check import shape as shape
+from soro_design.topology.domain import Domain as Domain
+from soro_design.topology.domain import make_domain as make_domain
+from soro_design.topology.optimise import IterationRow as IterationRow
+from soro_design.topology.optimise import OptimiserState as OptimiserState
+from soro_design.topology.optimise import load_state as load_state
+from soro_design.topology.optimise import optimise as optimise
+from soro_design.topology.optimise import save as save
+from soro_design.topology.task import Task as Task
+from soro_design.topology.task import load_task as load_task
+from soro_design.topology.task import task_from_dict as task_from_dict

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from soro_hardware.canopen import frames
 from soro_hardware.canopen.config import CanopenPlatform
-from soro_hardware.canopen.device import Device, Pdo, describe
+from soro_hardware.canopen.device import Pdo, describe
 from soro_hardware.transport.frame import Frame, frame_bits
 from soro_hardware.transport.slcan_codec import encode
 
@@ -18,8 +20,8 @@ def cycle_bits(platform: CanopenPlatform) -> int:
     12 nodes with PDOs of 4 bytes take 2335 bits, 3 nodes with PDOs of 8 bytes 865.
     """
     device = describe(platform.canopen.mapping)
-    nodes = len(platform.nodes)
-    return nodes * _cyclic_bits(device) + frame_bits(frames.SYNC)
+    bits = sum(frame_bits(one) for one in (*_cyclic(device.rpdos), *_cyclic(device.tpdos)))
+    return len(platform.nodes) * bits + frame_bits(frames.SYNC)
 
 
 def highest_rate_hz(platform: CanopenPlatform) -> float:
@@ -27,22 +29,14 @@ def highest_rate_hz(platform: CanopenPlatform) -> float:
     return platform.transport.bitrate / cycle_bits(platform)
 
 
-def _cyclic_bits(device: Device) -> int:
-    return sum(_bits(pdo) for pdo in (*device.rpdos, *device.tpdos) if pdo.cyclic)
-
-
-def _bits(pdo: Pdo) -> int:
-    return frame_bits(Frame(0x181, bytes(pdo.layout.length)))
-
-
 def serial_rate_hz(platform: CanopenPlatform, serial_baud: int) -> float:
     """Return the highest rate [Hz] on the serial line of an slcan adapter, with ten bits per character."""
     device = describe(platform.canopen.mapping)
     nodes = len(platform.nodes)
-    sent = nodes * sum(_characters(pdo) for pdo in device.rpdos if pdo.cyclic) + len(encode(frames.SYNC))
-    received = nodes * sum(_characters(pdo) for pdo in device.tpdos if pdo.cyclic)
+    sent = nodes * sum(len(encode(one)) for one in _cyclic(device.rpdos)) + len(encode(frames.SYNC))
+    received = nodes * sum(len(encode(one)) for one in _cyclic(device.tpdos))
     return serial_baud / (10 * (sent + received))
 
 
-def _characters(pdo: Pdo) -> int:
-    return len(encode(Frame(0x181, bytes(pdo.layout.length))))
+def _cyclic(pdos: Sequence[Pdo]) -> list[Frame]:
+    return [Frame(0x181, bytes(pdo.layout.length)) for pdo in pdos if pdo.cyclic]

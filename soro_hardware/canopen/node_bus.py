@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from types import TracebackType
 
 from soro_hardware.canopen import frames
 from soro_hardware.canopen.config import CanopenPlatform
@@ -93,9 +92,7 @@ class NodeBus:
         self._next_s = self.clock() + self._beat_s
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self._next_s = math.inf
 
     def beat(self) -> None:

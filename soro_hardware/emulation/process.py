@@ -7,7 +7,6 @@ import os
 import selectors
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import TracebackType
 
 from soro_core.errors import HardwareError
 from soro_core.files.private_folder import make_private
@@ -137,9 +136,7 @@ class Emulator:
     def __enter__(self) -> Emulator:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *error: object) -> None:
         self.close()
 
     def _woken(self) -> None:

@@ -118,7 +118,8 @@ def _hold(plan: HilPlan, state: ProcedureState, _: str | None) -> tuple[Procedur
         return _hold_next(plan, state, state.step + 1)
     if plan.directions:
         state = replace(state, phase="direction", samples=(), asks=True)
-        return state, replace(_at(plan, state), question=_which_way(plan, state))
+        question = f"has the tip moved towards {plan.directions[state.chamber]}? [y/n]"
+        return state, replace(_at(plan, state), question=question)
     return _vent_now(plan, state)
 
 
@@ -230,10 +231,6 @@ def _of_chamber(plan: HilPlan, state: ProcedureState) -> list[Finding]:
         return []
     found = judge_holds(plan.expected, [hold for hold in state.holds if hold.chamber == state.chamber])
     return [*found, *([state.answer] if state.answer else [])]
-
-
-def _which_way(plan: HilPlan, state: ProcedureState) -> str:
-    return f"has the tip moved towards {plan.directions[state.chamber]}? [y/n]"
 
 
 def _elapsed(state: ProcedureState) -> float:

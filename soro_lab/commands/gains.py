@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 import yaml
 
+from soro_core.files.rounded import rounded
 from soro_lab.scene import check_gains, load_scene, require_one_arm
 from soro_lab.scene.options import Change, SceneName, given_keys
 
@@ -57,13 +58,4 @@ def used_values(loop: Loop) -> dict[str, Any]:
         **of_law,
         "estimator": loop.estimator.config.model_dump(mode="json"),
     }
-    return {key: _rounded(value) for key, value in used.items()}
-
-
-def _rounded(value: Any) -> Any:
-    """Return a value with four significant digits in each of its numbers."""
-    if isinstance(value, dict):
-        return {key: _rounded(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [_rounded(each) for each in value]
-    return float(f"{value:.4g}") if isinstance(value, float) else value
+    return dict(rounded(used))

@@ -92,8 +92,9 @@ class AirStage:
         required : bool
             Whether recordings that show nothing of air are refused.
         """
+        from soro_lab.identification.regulators.leak import leak_text
         from soro_lab.identification.regulators.stages import AirOptions, find_air
-        from soro_lab.identification.regulators.written import air_text, air_yaml
+        from soro_lab.identification.regulators.written import air_yaml, pump_text
 
         options = AirOptions(self.volume_m3, self.supply_pa)
         with console.status("regulators, pumps, leaks") as status:
@@ -104,7 +105,7 @@ class AirStage:
             return 0
         if found.regulators is not None:
             print_regulators(found.regulators)
-        for line in air_text(found):
+        for line in (*(pump_text(found.pump) if found.pump is not None else ()), *leak_text(found.leaks)):
             typer.echo(line)
         self.out.parent.mkdir(parents=True, exist_ok=True)
         self.out.write_text(air_yaml(found, [one.name for one in recordings]), encoding="utf-8")

@@ -70,8 +70,8 @@ def make_plan(supply: Supply, config: ExciteConfig, where: str) -> ExcitationPla
     # The times depend on the factor linearly.
     least = _sections(supply, _scaled(config, LEAST)).longest_s
     if config.duration_s < least:
-        n, levels = len(supply.names), config.levels
-        allowed = f"at least {least:.1f} s for {n} chambers, {levels} levels and stages {_list(config)}"
+        n, levels, stages = len(supply.names), config.levels, ", ".join(config.stages)
+        allowed = f"at least {least:.1f} s for {n} chambers, {levels} levels and stages {stages}"
         raise ConfigError(where, "excite.duration_s", config.duration_s, allowed)
     slope = (plan.longest_s - least) / (1.0 - LEAST)
     factor = LEAST + (config.duration_s - least) / slope
@@ -93,7 +93,3 @@ def _scaled(config: ExciteConfig, factor: float) -> ExciteConfig:
     times = {name: factor * getattr(config, name) for name in _SCALED}
     shortest = min(config.shortest_hold_s, times["hold_s"])
     return with_changes(config, **times, shortest_hold_s=shortest)
-
-
-def _list(config: ExciteConfig) -> str:
-    return ", ".join(config.stages)

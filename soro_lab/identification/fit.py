@@ -60,8 +60,6 @@ class Fit:
         run are correlated); infinite if the data do not determine the parameter.
     cost : float
         Half the sum of the robust losses.
-    evaluations : int
-        Calls of the residual function, those for derivatives included.
     converged : bool
         Whether the search ended before `max_iterations`.
     message : str
@@ -71,7 +69,6 @@ class Fit:
     values: dict[str, float]
     deviations: dict[str, float]
     cost: float
-    evaluations: int
     converged: bool
     message: str
 
@@ -114,7 +111,6 @@ def fit(
         if not (p.lower <= p.initial <= p.upper and p.unit > 0):
             raise ValueError(f"parameter {p}: allowed is a start within its bounds, with a scale if it is 0")
     unit = np.array([p.unit for p in parameters])
-    calls = 0
 
     def values_of(x: Array) -> dict[str, float]:
         return dict(zip(names, (float(v) for v in x * unit), strict=True))
@@ -126,19 +122,13 @@ def fit(
         raise ModelError(text, "start")
     bounds = np.array([p.lower for p in parameters]) / unit, np.array([p.upper for p in parameters]) / unit
 
-    def evaluate(x: Array) -> Array | None:
-        nonlocal calls
-        calls += 1
-        return residuals_or_none(residuals, values_of(x))
-
     settings = SearchSettings(loss, _RELATIVE_STEP, max_iterations)
-    found = Search(evaluate, start, first, bounds, settings).run()
+    found = Search(lambda x: residuals_or_none(residuals, values_of(x)), start, first, bounds, settings).run()
     deviations = _deviations(found, loss, unit)
     return Fit(
         values_of(found.x),
         dict(zip(names, deviations, strict=True)),
         float(found.cost),
-        calls + 1,
         found.converged,
         "; ".join(filter(None, (found.message, _unknown(names, deviations, found.jacobian)))),
     )

@@ -93,13 +93,10 @@ class AirFit:
     own: tuple[Judged, ...]
     held_out: tuple[Judged, ...]
 
-    def model_of(self, line: str) -> Any:
-        """Return the model of a line."""
-        return self.models[line if self.kind.each_line else ""]
-
     def response(self, step: Step, t: Array) -> Array:
         """Return the pressures [Pa gauge] of the model of all runs at times t [s] over one step."""
-        _, pressure = self.kind.response(self.model_of(step.line), [step], t)
+        model = self.models[step.line if self.kind.each_line else ""]
+        _, pressure = self.kind.response(model, [step], t)
         response: Array = pressure[:, 0]
         return response
 

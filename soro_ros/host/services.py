@@ -194,7 +194,8 @@ class ServiceCaller:
         deadline = time.monotonic() + min(limit_s, FIND_S)
         while True:  # at least once, also after the deadline
             known = self.offering(service, publishing)
-            new = [name for name in known if name not in seen and _is_called(name, wanted)]
+            called = (name for name in known if wanted in ("", name) or name.endswith(f"/{wanted}"))
+            new = [name for name in called if name not in seen]
             seen.update(new)
             yield new
             if time.monotonic() >= deadline or wanted in seen:
@@ -239,10 +240,6 @@ class ServiceCaller:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.status[status.name] = status
-
-
-def _is_called(name: str, wanted: str) -> bool:
-    return not wanted or name == wanted or name.endswith(f"/{wanted}")
 
 
 def create_triggers(node: Node, actions: Mapping[str, Callable[[], str]]) -> None:

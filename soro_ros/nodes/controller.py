@@ -8,13 +8,14 @@ from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerState
 from soro_core.control.motion_config import MotionConfig
+from soro_core.errors import SoroError
 from soro_lab.scene import ControllerNodeConfig
 from soro_ros.conversion import messages, qos
+from soro_ros.host.services import create_triggers
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.status_words import NO_COMMAND
@@ -66,13 +67,8 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         subscribe(self, inputs, lockstep)
         self._is_vented = False
         self.create_subscription(DiagnosticStatus, "chambers/latch", self._on_latch, qos.LATCHED)
-        for name, callback in (
-            ("enable", partial(self._enable, anyway=False)),
-            ("enable_anyway", partial(self._enable, anyway=True)),
-            ("vent", self._on_vent),
-            ("reset", self._on_reset),
-        ):
-            self.create_service(Trigger, f"~/{name}", callback)
+        actions = {"enable": partial(self._enable, False), "enable_anyway": partial(self._enable, True)}
+        create_triggers(self, {**actions, "vent": self._on_vent, "reset": self._on_reset})
         self.compile(self._warm_up)
 
     @property
@@ -143,39 +139,34 @@ class ControllerNode(SoroNode[ControllerNodeConfig]):
         self.diagnostics.update(self.diagnostics.level, self.diagnostics.message, counts)
 
     # Services --------------------------------------------------------------------------------------
-    def _enable(self, request: Trigger.Request, response: Trigger.Response, anyway: bool) -> Trigger.Response:
+    def _enable(self, anyway: bool) -> str:
         """Start the commands; an arm that is in control already is not checked, except for a closed latch."""
         if self._is_vented:  # the probe would find no pressure, and blame a valve
-            response.success, response.message = False, "the arm is vented: soro reset first"
-            return response
+            raise SoroError("the arm is vented: soro reset first")
         warnings: list[str] = []
         if not self._ticks.enabled:
             refusals, warnings = self._check.findings(anyway, self._ticks.stay_at_zero)
             for line in (*refusals, *warnings):
                 self.get_logger().warning(f"enable: {line}")
             if refusals:
-                response.success, response.message = False, "; ".join(refusals)
-                return response
+                raise SoroError("; ".join(refusals))
             self._ticks.forget(anyway)
             self._report("")
         self._ticks.enabled = True
-        response.success, response.message = True, "; ".join(["enabled", *warnings])
-        return response
+        return "; ".join(["enabled", *warnings])
 
-    def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_vent(self) -> str:
         self._ticks.enabled = False
         self._ticks.motions.forget(VENTED, "commanding zero until ~/enable")
         # Where readings have ended no state asks for a command, and a reset needs a last one of zero.
         self._ticks.stay_at_zero()
-        response.success, response.message = True, "commanding zero until ~/enable"
-        return response
+        return "commanding zero until ~/enable"
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_reset(self) -> str:
         self.event_log.note("reset", "estimates and reference start anew")
         self._ticks.forget()
         self._ticks.motions.forget(REPLACED, "estimates and reference start anew")
-        response.success, response.message = True, "estimates and reference start anew"
-        return response
+        return "estimates and reference start anew"
 
 
 def _with_probe(config: ControllerNodeConfig) -> ControllerNodeConfig:

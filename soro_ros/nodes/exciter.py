@@ -7,14 +7,15 @@ from collections import deque
 
 import numpy as np
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
+from soro_core.errors import SoroError
 from soro_core.robot import load_robot
 from soro_lab.excitation.motion import Sample
 from soro_lab.excitation.procedure import Excitation, ExcitationTick, advance, initial_state, left_s
 from soro_lab.scene import ExciterNodeConfig
 from soro_lab.scene.excitation import excitation_of
 from soro_ros.conversion import messages, qos
+from soro_ros.host.services import create_triggers
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.status_words import REQUESTED
@@ -59,9 +60,7 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
         self._inputs = SampleInputs(config, robot.length, self._seconds, self._process, self._frames)
         subscribe(self, self._inputs.inputs, self._lockstep)
         self.create_subscription(JointState, "chambers/state", self._on_reading, sensor)
-        self.create_service(Trigger, "~/enable", self._on_enable)
-        self.create_service(Trigger, "~/answer", self._on_answer)
-        self.create_service(Trigger, "~/vent", self._on_vent)
+        create_triggers(self, {"enable": self._on_enable, "answer": self._on_answer, "vent": self._on_vent})
 
     # One tick --------------------------------------------------------------------------------------
     def _on_reading(self, message: JointState) -> None:
@@ -157,28 +156,26 @@ class ExciterNode(SoroNode[ExciterNodeConfig]):
         self.diagnostics.update(self.diagnostics.level, self.diagnostics.message, self._values())
 
     # Services --------------------------------------------------------------------------------------
-    def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_enable(self) -> str:
         """Begin; in real time only with samples of the arm."""
-        response.success = self._lockstep or self._samples_seen > 0
-        without = "; ".join(filter(None, ("no sample of a sensor on the arm has come", self._frames.refusal)))
-        response.message = "enabled" if response.success else without
-        self._enabled = self._enabled or response.success
-        return response
+        if not (self._lockstep or self._samples_seen):
+            without = ("no sample of a sensor on the arm has come", self._frames.refusal)
+            raise SoroError("; ".join(filter(None, without)))
+        self._enabled = True
+        return "enabled"
 
-    def _on_answer(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_answer(self) -> str:
         """Take a person's answer."""
         self._answered = True
-        response.success, response.message = True, "taken"
-        return response
+        return "taken"
 
-    def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_vent(self) -> str:
         """End the excitation."""
         self._stop = REQUESTED
         if not self._lockstep:
             # Where readings have ended none asks for a command, and a reset needs a last one of zero.
             self._publish(np.zeros(len(self._names)), int(self.get_clock().now().nanoseconds))
-        response.success, response.message = True, "commanding zero"
-        return response
+        return "commanding zero"
 
 
 def main() -> None:

@@ -13,7 +13,6 @@ from functools import partial
 
 import numpy as np
 from rclpy.qos import QoSProfile
-from std_srvs.srv import Trigger
 
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
@@ -25,6 +24,7 @@ from soro_core.twin.shadow import beginning, between
 from soro_core.twin.world import ArmWorld
 from soro_ros.conversion import qos
 from soro_ros.host import claims
+from soro_ros.host.services import create_triggers
 from soro_ros.process import command_line
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_nodes
@@ -93,7 +93,7 @@ class TwinNode(SoroNode[TwinConfig]):
         self._push = PushTopic(self, frames, self._stamp_now_ns, takes=not config.bodies_file)
         if config.base_by_topic:
             BaseTopic(self, frames, self._stamp_now_ns, self._move_base)
-        self.create_service(Trigger, "~/start", self._on_start)
+        create_triggers(self, {"start": self._on_start})
         if self._is_commanded:
             rating = rating_of(robot.pressure_range_pa)
             check_rating(config.limits, rating, where="parameters of twin")
@@ -184,13 +184,12 @@ class TwinNode(SoroNode[TwinConfig]):
                 client.close()
         self._valves = self._faults = None
 
-    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_start(self) -> str:
         if self.state.start_tick is None:
             self.state = replace(self.state, start_tick=self.state.tick)
         if not self.is_started:
             self._begin()
-        response.success, response.message = True, "running"
-        return response
+        return "running"
 
     def _begin(self) -> None:
         self.is_started = True

@@ -170,22 +170,12 @@ def _draw_strains(axis: Any, view: View, words: Sequence[str], label: str, facto
     axis.set(ylabel=label)
 
 
-def draw_curvatures(axis: Any, view: View) -> None:
-    """Draw bending and torsion, estimated and true."""
-    _draw_strains(axis, view, ("bending", "torsion"), "strain [1/m]", 1.0)
-
-
-def draw_stretches(axis: Any, view: View) -> None:
-    """Draw elongation and shear, estimated and true."""
-    _draw_strains(axis, view, ("elongation", "shear"), "strain [%]", 100.0)
-
-
 def draw_estimates(axis: Any, view: View) -> None:
     """Draw the parameter estimates, each as a part of a value that its legend names."""
     series = view.controlled(view.recording.estimates)
     if not series.t.size:
         return
-    weights = [k for k, name in enumerate(series.names) if _is_weight(name)]
+    weights = [k for k, name in enumerate(series.names) if any(part in name for part in _WEIGHTS)]
     if weights:  # the matrix W of a learned force: too many for a legend
         most = float(np.max(np.abs(series.value[:, weights]))) or 1.0
         force = axis.plot(series.t, series.value[:, weights] / most, color="0.6", lw=0.5)
@@ -203,11 +193,6 @@ def draw_estimates(axis: Any, view: View) -> None:
         axis.plot(series.t, values / scale, lw=1.0, label=label)
     low = min(0.0, float(axis.dataLim.y0))
     axis.set(ylabel="estimate, part of the value in its legend", ylim=(1.05 * low, None))
-
-
-def _is_weight(name: str) -> bool:
-    """Whether an estimate is an entry of the matrix W of a learned force."""
-    return any(part in name for part in _WEIGHTS)
 
 
 def draw_force(axis: Any, view: View) -> None:
@@ -317,13 +302,13 @@ CURVATURES = Panel(
     "curvature, estimated (pale: true)",
     "arm/state or truth/state",
     lambda view: _has_strain(view, "bending", "torsion"),
-    draw_curvatures,
+    lambda axis, view: _draw_strains(axis, view, ("bending", "torsion"), "strain [1/m]", 1.0),
 )
 STRETCHES = Panel(
     "elongation and shear, estimated (pale: true)",
     "arm/state or truth/state",
     lambda view: _has_strain(view, "elongation", "shear"),
-    draw_stretches,
+    lambda axis, view: _draw_strains(axis, view, ("elongation", "shear"), "strain [%]", 100.0),
 )
 ESTIMATES = Panel(
     "what the law has learned",

@@ -112,7 +112,8 @@ class TopicDifferences:
         found: FieldDifference | None = None
         for field in dict.fromkeys((*recorded, *now)):
             old, new = recorded.get(field), now.get(field)
-            if old == new or _both_nan(old, new) or self._ignored(field):
+            both_nan = old != old and new != new
+            if old == new or both_nan or self._ignored(field):
                 continue
             part = self._part(field, old, new)
             if math.isfinite(part):
@@ -132,7 +133,3 @@ def stamp_of(message: Any) -> int:
     """Return the time of a message [ns]; of one without a stamp 0: such messages pair in their order."""
     stamp = getattr(getattr(message, "header", None), "stamp", None)
     return messages.to_ns(stamp) if hasattr(stamp, "nanosec") else 0
-
-
-def _both_nan(old: object, new: object) -> bool:
-    return old != old and new != new

@@ -40,10 +40,6 @@ class Ticks(Protocol):
     inputs: Inputs
 
 
-def _estimator(scene: Scene, ports: NodeOutputs) -> Ticks:
-    return EstimatorTicks(scene.estimator_node(), ports)
-
-
 def _controller(scene: Scene, ports: NodeOutputs) -> Ticks:
     # `soro run` enables it before the first tick; no bag holds the call of a service.
     config = with_changes(scene.controller_node(), enabled=True)
@@ -51,7 +47,7 @@ def _controller(scene: Scene, ports: NodeOutputs) -> Ticks:
 
 
 NODES: dict[str, tuple[type[Any], Callable[[Scene, NodeOutputs], Ticks]]] = {
-    "estimator": (EstimatorTicks, _estimator),
+    "estimator": (EstimatorTicks, lambda scene, ports: EstimatorTicks(scene.estimator_node(), ports)),
     "controller": (ControllerTicks, _controller),
 }
 

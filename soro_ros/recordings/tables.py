@@ -6,7 +6,6 @@ import csv
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Protocol
 
 from soro_ros.conversion.fields import Value, flat, is_joint_state
@@ -88,9 +87,7 @@ class TableFile(Protocol):
 
     def __enter__(self) -> TableFile: ...
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None: ...
+    def __exit__(self, *error: object) -> None: ...
 
     def write(self, row: Mapping[str, Value]) -> None:
         """Append a row; a column without a value stays empty."""

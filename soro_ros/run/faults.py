@@ -8,12 +8,12 @@ from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 from soro_core.errors import SoroError
 from soro_hardware.emulation.faults.fault_types import CLEAR
 from soro_hardware.emulation.sockets.control import ControlClient
 from soro_ros.conversion import qos
+from soro_ros.host.services import create_triggers
 
 PARAMETER = "fault"
 
@@ -35,7 +35,7 @@ class FaultInterface:
     def __init__(self, node: Node, path: str | Path) -> None:
         self._node, self._client = node, ControlClient(path)
         node.create_subscription(String, "~/fault", self._on_fault, qos.RELIABLE)
-        node.create_service(Trigger, "~/clear_faults", self._on_clear)
+        create_triggers(node, {"clear_faults": self._on_clear})
         if not node.has_parameter(PARAMETER):
             node.declare_parameter(PARAMETER, "", ParameterDescriptor(description="fault to inject now"))
         node.add_on_set_parameters_callback(self._on_parameters)
@@ -64,10 +64,6 @@ class FaultInterface:
             return str(error)
         return ""
 
-    def _on_clear(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            self._client.inject(f"fault: {CLEAR}")
-            response.success, response.message = True, "no faults"
-        except SoroError as error:
-            response.success, response.message = False, str(error)
-        return response
+    def _on_clear(self) -> str:
+        self._client.inject(f"fault: {CLEAR}")
+        return "no faults"

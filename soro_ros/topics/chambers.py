@@ -17,12 +17,13 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
-from std_srvs.srv import Trigger
 
 from soro_core.arrays import Array
+from soro_core.errors import SoroError
 from soro_core.safety import ArmLimiter, Limiter
 from soro_ros.conversion import messages, qos
 from soro_ros.host import pulse
+from soro_ros.host.services import create_triggers
 from soro_ros.status_words import REQUESTED, VENTED
 from soro_ros.topics.command_topic import CommandTopic
 from soro_ros.topics.diagnostics import ERROR, NONE, OK, WARN
@@ -85,9 +86,7 @@ class ChamberInterface:
         if launcher is not None:
             check = partial(self._check_launcher, launcher)
             node.create_timer(pulse.PERIOD_S, check, clock=Clock(clock_type=ClockType.STEADY_TIME))
-        node.create_service(Trigger, "~/enable", self._on_enable)
-        node.create_service(Trigger, "~/vent", self._on_vent)
-        node.create_service(Trigger, "~/reset", self._on_reset)
+        create_triggers(node, {"enable": self._on_enable, "vent": self._on_vent, "reset": self._on_reset})
 
     def report_latch(self) -> None:
         """Log once the cause of the latch and the chambers that are not empty; call it after each cycle."""
@@ -180,24 +179,23 @@ class ChamberInterface:
         line = messages.one_line(f"command refused: {reason}")
         self._node.get_logger().warning(line, throttle_duration_sec=1.0)
 
-    def _on_enable(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        cause = self._limiter.state.causes or self._limiter.why_stopped()
-        response.success = cause is None
-        response.message = "enabled" if cause is None else f"vented ({cause}): call ~/reset first"
-        return response
+    def _on_enable(self) -> str:
+        if cause := self._limiter.state.causes or self._limiter.why_stopped():
+            raise SoroError(f"vented ({cause}): call ~/reset first")
+        return "enabled"
 
-    def _on_vent(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_vent(self) -> str:
         self._limiter.vent(REQUESTED)
         self.report_latch()
-        response.success, response.message = True, "vented until ~/reset"
-        return response
+        return "vented until ~/reset"
 
-    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _on_reset(self) -> str:
         refusal = self._limiter.reset(self.now_ns)
         self._note("reset refused" if refusal else "reset", refusal or "")
         self.report_latch()
-        response.success, response.message = refusal is None, refusal or "reset"
-        return response
+        if refusal:
+            raise SoroError(refusal)
+        return "reset"
 
 
 class _ArmTopics:

@@ -52,7 +52,7 @@ POD = robot_from_dict(
 
 
 @pytest.mark.parametrize(
-    "package", ["soro_core", "soro_core.control", "soro_core.estimation", "soro_lab.scene"]
+    "package", ["soro_core", "soro_core.control", "soro_core.estimation", "soro_lab.trade"]
 )
 def test_completion_sees_the_names_before_their_first_use(package):
     module = importlib.import_module(package)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from importlib import import_module
+from inspect import ismodule
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,7 @@ def public() -> Iterator[tuple[Any, dict[str, object]]]:
     seen: set[int] = set()
     for package in (soro_core, soro_hardware, soro_lab, soro_design):
         for module in map(import_module, _packages(package)):
-            if hasattr(module, "__all__"):
-                things = {name: getattr(module, name) for name in module.__all__}
+            if things := _exported(module):
                 yield module, {name: thing for name, thing in things.items() if id(thing) not in seen}
                 seen |= set(map(id, things.values()))
 
@@ -62,6 +62,12 @@ def _packages(package: Any) -> list[str]:
     root = Path(package.__file__).parent
     below = sorted(path.parent for path in root.rglob("__init__.py") if path.parent != root)
     return [".".join((package.__name__, *folder.relative_to(root).parts)) for folder in (root, *below)]
+
+
+def _exported(module: Any) -> dict[str, Any]:
+    """Return what a package exports: by its list, or else what its file imports."""
+    imported = (name for name, thing in vars(module).items() if name[0] != "_" and not ismodule(thing))
+    return {name: getattr(module, name) for name in getattr(module, "__all__", sorted(imported))}
 
 
 def _section(module: Any, things: dict[str, object]) -> str:

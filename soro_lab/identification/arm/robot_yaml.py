@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import yaml
 
+from soro_core.files.rounded import rounded
 from soro_core.robot.parts import fields
 from soro_lab.identification.arm.cases.parameters import ArmParameter
 from soro_lab.identification.arm.cases.physical import Unphysical, unphysical
@@ -34,15 +35,14 @@ _EXPERIMENTS = {
 
 def robot_text(found: ArmIdentification, sources: Sequence[str]) -> str:
     """Return the robot file, with the names of the recordings."""
-    keys = fields(found.robot)
-    keys["links"] = [_plain(link) for link in keys["links"]]
+    keys = rounded(fields(found.robot), 8)
     lines = [
         f"# Identified by soro identify from {', '.join(sources)}.",
         *(f"# {line}" for line in _quality(found)),
         "#",
         *(f"# {line}".rstrip() for line in number_table(found)),
     ]
-    body = yaml.safe_dump(_plain(keys), sort_keys=False, default_flow_style=None, width=110)
+    body = yaml.safe_dump(keys, sort_keys=False, default_flow_style=None, width=110)
     return "\n".join(lines) + "\n" + body
 
 
@@ -137,12 +137,3 @@ def _quality(found: ArmIdentification) -> Iterator[str]:
     if found.interrupted:
         yield "INTERRUPTED: the search did not end; these are the best numbers until there."
     yield from (f"UNPHYSICAL: {each}." for each in impossible(found))
-
-
-def _plain(value: object) -> object:
-    """Lists and plain numbers, as YAML writes them."""
-    if isinstance(value, dict):
-        return {key: _plain(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    return float(f"{value:.8g}") if isinstance(value, float) else value

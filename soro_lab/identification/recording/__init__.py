@@ -1,59 +1,34 @@
 """Recordings of an arm for identification: read, cleaned, cut into states at rest, decays and sections."""
 
-from soro_lab.identification.recording.phases import Phase, decays, excited
-from soro_lab.identification.recording.place import Place, place_of_part
-from soro_lab.identification.recording.recording import OmittedSamples, Recording
-from soro_lab.identification.recording.rest import Mean, RestState, rest_states
-from soro_lab.identification.recording.sections import RecordingSegment, SectionLimits, hold_out, sections
-from soro_lab.identification.recording.sources.columns import Columns
-from soro_lab.identification.recording.sources.from_bag import read_bag
-from soro_lab.identification.recording.sources.from_csv import read_csv
-from soro_lab.identification.recording.sources.manual_release import without_hands
-from soro_lab.identification.recording.sources.names import check_names
-from soro_lab.identification.recording.stale import StaleLimits
-from soro_lab.identification.recording.stillness import StillLimits, check_motion, moves, still_limits
-from soro_lab.identification.recording.streams import (
-    Bend,
-    Curvature,
-    Imu,
-    Marker,
-    Plate,
-    Series,
-    Stream,
-)
-from soro_lab.identification.recording.summary import summary
-
-__all__ = [
-    "Bend",
-    "Columns",
-    "Curvature",
-    "Imu",
-    "Marker",
-    "Mean",
-    "OmittedSamples",
-    "Phase",
-    "Place",
-    "Plate",
-    "Recording",
-    "RecordingSegment",
-    "RestState",
-    "SectionLimits",
-    "Series",
-    "StaleLimits",
-    "StillLimits",
-    "Stream",
-    "check_motion",
-    "check_names",
-    "decays",
-    "excited",
-    "hold_out",
-    "moves",
-    "place_of_part",
-    "read_bag",
-    "read_csv",
-    "rest_states",
-    "sections",
-    "still_limits",
-    "summary",
-    "without_hands",
-]
+from soro_lab.identification.recording.phases import Phase as Phase
+from soro_lab.identification.recording.phases import decays as decays
+from soro_lab.identification.recording.phases import excited as excited
+from soro_lab.identification.recording.place import Place as Place
+from soro_lab.identification.recording.place import place_of_part as place_of_part
+from soro_lab.identification.recording.recording import OmittedSamples as OmittedSamples
+from soro_lab.identification.recording.recording import Recording as Recording
+from soro_lab.identification.recording.rest import Mean as Mean
+from soro_lab.identification.recording.rest import RestState as RestState
+from soro_lab.identification.recording.rest import rest_states as rest_states
+from soro_lab.identification.recording.sections import RecordingSegment as RecordingSegment
+from soro_lab.identification.recording.sections import SectionLimits as SectionLimits
+from soro_lab.identification.recording.sections import hold_out as hold_out
+from soro_lab.identification.recording.sections import sections as sections
+from soro_lab.identification.recording.sources.columns import Columns as Columns
+from soro_lab.identification.recording.sources.from_bag import read_bag as read_bag
+from soro_lab.identification.recording.sources.from_csv import read_csv as read_csv
+from soro_lab.identification.recording.sources.manual_release import without_hands as without_hands
+from soro_lab.identification.recording.sources.names import check_names as check_names
+from soro_lab.identification.recording.stale import StaleLimits as StaleLimits
+from soro_lab.identification.recording.stillness import StillLimits as StillLimits
+from soro_lab.identification.recording.stillness import check_motion as check_motion
+from soro_lab.identification.recording.stillness import moves as moves
+from soro_lab.identification.recording.stillness import still_limits as still_limits
+from soro_lab.identification.recording.streams import Bend as Bend
+from soro_lab.identification.recording.streams import Curvature as Curvature
+from soro_lab.identification.recording.streams import Imu as Imu
+from soro_lab.identification.recording.streams import Marker as Marker
+from soro_lab.identification.recording.streams import Plate as Plate
+from soro_lab.identification.recording.streams import Series as Series
+from soro_lab.identification.recording.streams import Stream as Stream
+from soro_lab.identification.recording.summary import summary as summary

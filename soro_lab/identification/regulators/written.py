@@ -9,7 +9,6 @@ import yaml
 
 from soro_lab.identification import regulator_fit as air
 from soro_lab.identification.fit import Fit
-from soro_lab.identification.regulators.leak import leak_text
 from soro_lab.identification.regulators.stages import FoundAir, FoundPump, FoundRegulators, rounded
 
 
@@ -30,11 +29,6 @@ def pump_text(found: FoundPump) -> list[str]:
         error = f"t63 {100 * one.error:+.0f} %, RMS {one.rms_pa / 1e3:.2f} kPa"
         lines.append(f"  {one.run.run}: measured t63 {one.run.t63_s:.2f} s, {error}")
     return lines
-
-
-def air_text(found: FoundAir) -> list[str]:
-    """Return the lines of pumps and leaks; those of regulators are a table (`regulator_fit.rows`)."""
-    return [*(pump_text(found.pump) if found.pump is not None else ()), *leak_text(found.leaks)]
 
 
 def air_yaml(found: FoundAir, names: Sequence[str]) -> str:

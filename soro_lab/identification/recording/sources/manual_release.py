@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from soro_lab.identification.recording.phases import Phase, decays, excited
+from soro_lab.identification.recording.phases import decays, excited
 from soro_lab.identification.recording.recording import Recording
 from soro_lab.identification.recording.rest import RestState, rest_states
 from soro_lab.identification.recording.stillness import StillLimits, noise, still_limits
@@ -46,7 +46,7 @@ def without_hands(recording: Recording, limits: StillLimits | None = None) -> tu
 
     for phase in decays(recording, limits):
         before = [rest for rest in rests if begin <= rest.start and rest.end <= phase.start + limits.block_s]
-        if not before or _is_driven(phase.start, driven):
+        if not before or any(p.start <= phase.start <= p.end + _AFTER_S for p in driven):
             continue
         parts.append(part(begin, phase.start))
         later = [p.start for p in driven if p.start > phase.start]
@@ -60,10 +60,6 @@ def without_hands(recording: Recording, limits: StillLimits | None = None) -> tu
             return tuple(parts)
         begin = _let_go(recording, phase.start, back[0])
     return (*parts, part(begin, float(np.nextafter(end, np.inf)))) if parts else (recording,)
-
-
-def _is_driven(time: float, driven: tuple[Phase, ...]) -> bool:
-    return any(phase.start <= time <= phase.end + _AFTER_S for phase in driven)
 
 
 def _is_back(before: RestState, after: RestState, recording: Recording, limits: StillLimits) -> bool:

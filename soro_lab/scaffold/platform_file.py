@@ -121,7 +121,7 @@ def _set_pressures(data: dict[str, Any], low: float, high: float) -> dict[tuple[
     own: dict[tuple[str, ...], str] = {
         ("range", "minimum_pa"): f"{_OF_RANGE}, and 0, to vent",
         ("range", "maximum_pa"): _OF_RANGE,
-        ("rating", "minimum_pa"): guess,
+        ("rating", "minimum_pa"): guess if low < 0.0 else "0, to vent",
         ("rating", "maximum_pa"): guess,
     }
     regulator = data["regulator"]

@@ -223,8 +223,8 @@ def _goals(kind: MotionType, numbers: list[str]) -> Array:
     n, rest = divmod(len(numbers), 3)
     least, most = _POINTS[kind]
     if rest or not least <= n <= most:
-        count = f"{least}" if most == least else f"{least} or more"
-        allowed = f"{count} times three numbers for {kind}"
+        count = f"{('one', 'two')[least - 1]}{' or more' if most > least else ''}"
+        allowed = f"three numbers a point, {count} {'point' if most == 1 else 'points'} for {kind}"
         raise ConfigError("soro move", "X Y Z", f"{len(numbers)} numbers", allowed)
     coordinate = Quantity("m", -math.inf, math.inf, "2cm", alone="mm")
     metres = [coordinate.number(text, "soro move", "X Y Z") for text in numbers]

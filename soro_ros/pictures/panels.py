@@ -185,7 +185,10 @@ def draw_estimates(axis: Any, view: View) -> None:
             continue
         factor, unit = (1e3, " g") if name.endswith("mass") else (1.0, "")
         values = factor * series.value[:, k]
-        largest = float(np.max(np.abs(values))) or 1.0
+        largest = float(np.max(np.abs(values)))
+        if not largest:
+            axis.plot(series.t, values, lw=1.0, label=f"{name}: 0{unit} all the time")
+            continue
         # What starts from (almost) nothing, as an unknown load does, is shown against its largest value.
         starts = abs(values[0]) > 0.01 * largest
         scale, what = (abs(values[0]), "start") if starts else (largest, "largest value")

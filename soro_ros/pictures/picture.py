@@ -49,7 +49,7 @@ def draw(recording: RunRecording, scene: Scene, file: Path) -> None:
     view = View(recording, scene, 0.0, end_s, "measured" if scene.arm == "real" else "true")
     adaptation = "on" if scene.controller.adapt else "off"
     what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"
-    title = f"{scene.name}: {scene.robot}, {what}, adaptation {adaptation}"
+    title = f"{scene.name}: {Path(scene.robot).name}, {what}, adaptation {adaptation}"
     chosen = (*_RUN, panels.FORCE) if panels.is_pushed(view) else _RUN
     figure = picture(chosen, view, title)
     figure.savefig(file, dpi=110)

@@ -134,6 +134,13 @@ class Spans:
         self.of[item.topic] = first, now, max(gap, now - last)
 
 
+def with_fault(faults: tuple[str, ...], error: str) -> tuple[str, ...]:
+    """Return the faults and another one; a text that goes on behind a semicolon replaces its beginning."""
+    if any(f"{one};".startswith(f"{error};") for one in faults):
+        return faults
+    return (*(one for one in faults if not error.startswith(f"{one};")), error)
+
+
 def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> RunRecording:
     """Read an open bag.
 
@@ -164,7 +171,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
     # Stamps, log times and values, by topic and names of their columns.
     rows: dict[str, dict[tuple[str, ...], list[tuple[int, int, list[float]]]]] = {}
     diagnostics: dict[str, dict[str, str]] = {}
-    faults: list[str] = []
+    faults: tuple[str, ...] = ()
     said: list[Said] = []
     wanted = {
         topic.name
@@ -184,8 +191,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
             said += [Said(item.log_time_ns, *words) for words in _levels(message, prefix)]
             for node, found, error in statuses(message, prefix):
                 diagnostics[node] = found
-                if error and error not in faults:
-                    faults.append(error)
+                faults = with_fault(faults, error) if error else faults
             continue
         if isinstance(message, DiagnosticStatus):
             if name == _LATCH:
@@ -241,7 +247,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         reading=series("chambers/state"),
         estimates=series("controller/estimates"),
         diagnostics=diagnostics,
-        faults=tuple(faults),
+        faults=faults,
         measured_tip=series("sensors/pose0"),
         deviations=series("controller/deviations"),
         shadow=series("arm/shadow/difference"),

@@ -273,9 +273,10 @@ def table(summary: Summary, scene: Scene) -> Table:
 
 
 def title_of(scene: Scene) -> str:
-    """Return what a run was, in one line."""
+    """Return what a run was, in one line; files without their folders."""
+    robot, platform = Path(scene.robot).name, Path(scene.platform).name or "the twin"
     real = "real " if scene.arm == "real" else ""
-    return f"{scene.name}: {real}{scene.robot} on {scene.platform or 'the twin'}, {scene.mode}"
+    return f"{scene.name}: {real}{robot} on {platform}, {scene.mode}"
 
 
 def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:

@@ -143,12 +143,18 @@ def test_lines_splines_and_points_begin_where_the_tip_is_wanted(asked):
 
 
 @pytest.mark.parametrize(
-    "arguments", [("line", "1", "2"), ("to", *"123456"), ("arc", "1", "2", "3"), ("spline", "0", "0", "66")]
+    ("arguments", "allowed"),
+    [
+        (("line", "1", "2"), "three numbers a point, one or more points for line"),
+        (("to", *"123456"), "three numbers a point, one point for to"),
+        (("arc", "1", "2", "3"), "three numbers a point, two points for arc"),
+        (("spline", "0", "0", "66"), "three numbers a point, two or more points for spline"),
+    ],
 )
-def test_points_that_are_too_few_or_too_many_are_wrong_use(soro, arguments):
+def test_points_that_are_too_few_or_too_many_are_wrong_use(soro, arguments, allowed):
     ended = soro("move", *arguments)
     assert ended.status == 2
-    assert "X Y Z" in ended.err
+    assert f"X Y Z: got '{len(arguments) - 1} numbers'; allowed: {allowed}" in ended.err
 
 
 def test_only_a_single_point_is_gone_to_around_obstacles(soro):

@@ -11,7 +11,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from matplotlib.figure import Figure
 from rclpy.serialization import serialize_message
 
-from soro_core.config import find_config, read_yaml
+from soro_core.config import find_config, read_yaml, with_changes
 from soro_lab.bag import BagReader, BagWriter, Topic
 from soro_lab.scene import load_scene
 from soro_ros.pictures import panels, picture
@@ -78,7 +78,9 @@ def test_legends_of_the_picture_lie_over_no_data(monkeypatch, tmp_path, ends_s):
     tip = TopicSeries(t, 0.02 * np.stack([np.cos(t), np.sin(t), 0 * t], axis=1))
     pages = []
     monkeypatch.setattr("matplotlib.pyplot.close", pages.append)
-    picture.draw(recorded(t, tip, tip), load_scene("track_circle"), tmp_path / "run.png")
+    scene = with_changes(load_scene("track_circle"), robot="/home/me/arm_robot.yaml")
+    picture.draw(recorded(t, tip, tip), scene, tmp_path / "run.png")
+    assert pages[0].get_suptitle().startswith("track_circle: arm_robot.yaml, payload 20 g")
     legends = [axis.get_legend() for axis in pages[0].axes]
     assert len(legends) == 6
     for axis, legend in zip(pages[0].axes, legends, strict=True):
@@ -240,6 +242,24 @@ def test_injected_faults_and_trips_are_separate_rows():
     assert "injected faults" not in plain
 
 
+def test_a_trip_whose_text_grows_is_one_trip():
+    faults = ("regulator: vented: stuck", "estimator: no readings")
+    grown = "regulator: vented: stuck; link0/chamber1 still at 150.0 kPa"
+    assert recording.with_fault(faults, grown) == ("estimator: no readings", grown)
+    assert recording.with_fault((grown,), grown) == recording.with_fault((grown,), faults[0]) == (grown,)
+    assert recording.with_fault(faults, "regulator: vented: stuck wide") == (
+        *faults,
+        "regulator: vented: stuck wide",
+    )
+
+
+def test_files_of_a_robot_and_a_platform_are_titled_without_their_folders():
+    scene = load_scene("track_circle")
+    placed = with_changes(scene, robot="/home/me/arm/arm_robot.yaml", platform="/home/me/arm/valves.yaml")
+    assert report.title_of(scene).startswith("track_circle: tue_three_bellow on emulated_canopen, ")
+    assert report.title_of(placed).startswith("track_circle: arm_robot.yaml on valves.yaml, ")
+
+
 def test_what_was_not_measured_is_a_dash():
     found = rows(20.0)
     assert found["loop lateness p50 / p99"] == found["measured pressures"] == "-"
@@ -257,9 +277,9 @@ def test_of_a_real_arm_the_report_has_the_measured_tip_and_its_distance_from_the
 
 def test_the_legend_of_the_estimates_gives_units():
     t = np.linspace(0.0, 1.0, 5)
-    values = np.stack([0.02 * t, 0.5 + t, -0.1 * t, 0.25 * t], axis=1)
+    values = np.stack([0.02 * t, 0.5 + t, 0.0 * t, -0.1 * t, 0.25 * t], axis=1)
     force = ("link0/bend_x/offset", "link0/bend_x/by link0/bend_x")
-    estimates = TopicSeries(t, values, ("tip_mass", "link0/bend_x/damping", *force))
+    estimates = TopicSeries(t, values, ("tip_mass", "link0/bend_x/damping", "link0/area_slope", *force))
     drawn = replace(recorded(t, EMPTY, EMPTY), estimates=estimates)
     axis = Figure().subplots()
     panels.draw_estimates(axis, panels.View(drawn, None, 0.0, 1.0, "true"))
@@ -267,6 +287,7 @@ def test_the_legend_of_the_estimates_gives_units():
         "learned force, its 2 numbers; 1: the largest, 0.25",
         "tip_mass: 20 g at the end; 1: its largest value, 20 g",
         "link0/bend_x/damping: 1.5 at the end; 1: its start, 0.5",
+        "link0/area_slope: 0 all the time",
     ]
     learned = [line.get_ydata() for line in axis.lines if line.get_color() == "0.6"]
     assert np.array(learned) == pytest.approx(np.stack([-0.4 * t, t]))

@@ -235,6 +235,17 @@ def test_limits_ranges_and_ratings_follow_the_pressures(low, high, tmp_path):
     assert scene.controller.reference.mean_pressure_pa == pytest.approx(500.0 * (low + high))
 
 
+@pytest.mark.parametrize(("low_kpa", "said"), [(0, "0, to vent"), (-20, "guess: a ninth beyond the range")])
+def test_the_lowest_rating_is_a_guess_only_below_zero(low_kpa, said, tmp_path):
+    made = write_arm(new_arm(ScaffoldOptions("arm", pressure_range=f"{low_kpa},60kPa")), tmp_path)
+    comment = re.search(
+        r"(# lowest permitted set point .*?)\n *minimum_pa|minimum_pa: .*(# lowest permitted .*)",
+        made.platform.read_text(),
+    )
+    assert said in comment[0]
+    assert ("ninth" in comment[0]) == (low_kpa < 0)
+
+
 @pytest.mark.parametrize(
     ("changes", "key"),
     [

@@ -74,7 +74,7 @@ def _runs(content: Content, traces: Sequence[ShapeTrace]) -> Iterator[Block]:
     if any(run["held_out_s"] for run in content["data"]):
         yield Words(
             "Predicted with the numbers of the fit that has not seen the shaded sections. Each run is "
-            "simulated from its first balance under its measured pressures.",
+            "simulated from its first equilibrium under its measured pressures.",
             kind="soft",
         )
     else:

@@ -36,7 +36,7 @@ class ReportOptions:
         from soro_lab.identification.arm.cases.parameters import numbers_of
 
         if self.folder is None:
-            if self.profile is not None:
+            if self.profile not in (None, "none"):
                 raise ConfigError("soro identify", "--profile", self.profile, "together with --report")
             return
         if self.folder.exists() and not (force and self.folder.is_dir()):

@@ -78,6 +78,7 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
     )
     at_goal, of_estimate = force_errors(recording, t[last])
     loop = recording.diagnostics.get("regulator", recording.diagnostics.get("twin", {}))
+    late = loop if scene.mode == "real_time" else {}  # lockstep has no schedule
     low, high = pressure_bounds(scene)
     command = recording.command
     command = command.at_times(in_control(recording, command.t, scene.duration_s))
@@ -101,9 +102,9 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
         saturated_last_part=_part(at_bound_last),
         frames_sent=int(loop.get("frames_sent", 0)),
         frames_lost=int(loop.get("frames_lost", 0)),
-        lateness_p50_ms=float(loop.get("lateness_p50_ms", "nan")),
-        lateness_p99_ms=float(loop.get("lateness_p99_ms", "nan")),
-        overruns=int(loop.get("overruns", 0)),
+        lateness_p50_ms=float(late.get("lateness_p50_ms", "nan")),
+        lateness_p99_ms=float(late.get("lateness_p99_ms", "nan")),
+        overruns=int(late.get("overruns", 0)),
         faults=recording.faults,
         shadow=shadow_report.summarise(recording.shadow, scene.duration_s),
         force_error_last_rms_n=_rms(at_goal),

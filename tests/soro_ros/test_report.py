@@ -1,5 +1,6 @@
 """The report of a run: what it does not know it does not say."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,6 +27,11 @@ WHOLE = Path(__file__).parents[2] / "bags" / "track_circle_lockstep_2s"
 
 def rows(ends_s: float, diagnostics=None, trips=(), **changes) -> dict[str, str]:
     """The table of a recording that ends at a time, with a tip error of 2 mm."""
+    names, values = report.table(*summary_of(ends_s, diagnostics, trips, **changes)).columns
+    return dict(zip(names.cells, values.cells, strict=True))
+
+
+def summary_of(ends_s: float, diagnostics=None, trips=(), **changes):
     scene = load_scene("track_circle", {key.replace("__", "."): value for key, value in changes.items()})
     t = np.arange(0.0, ends_s, 0.005)
     wanted, true = (
@@ -37,8 +43,7 @@ def rows(ends_s: float, diagnostics=None, trips=(), **changes) -> dict[str, str]
     recording = RunRecording(true, true, wanted, EMPTY, EMPTY, EMPTY, diagnostics or {}, trips, half)
     if changes.get("arm") == "real":
         recording = replace(recording, shadow=differences)
-    names, values = report.table(report.summarise(report.of_scene(recording, scene), scene), scene).columns
-    return dict(zip(names.cells, values.cells, strict=True))
+    return report.summarise(report.of_scene(recording, scene), scene), scene
 
 
 def recorded(t: np.ndarray, true: TopicSeries, wanted: TopicSeries) -> RunRecording:
@@ -265,6 +270,13 @@ def test_what_was_not_measured_is_a_dash():
     assert found["loop lateness p50 / p99"] == found["measured pressures"] == "-"
     known = {"regulator": {"lateness_p50_ms": "0.1", "lateness_p99_ms": "0.5"}}
     assert rows(20.0, known)["loop lateness p50 / p99"] == "0.10 / 0.50 ms"
+
+
+def test_lockstep_has_no_schedule_to_be_late_for():
+    known = {"regulator": {"lateness_p50_ms": "0.1", "overruns": "6682"}}
+    assert summary_of(20.0, known)[0].overruns == 6682
+    summary, _ = summary_of(20.0, known, mode="lockstep")
+    assert (summary.overruns, math.isnan(summary.lateness_p50_ms)) == (0, True)
 
 
 def test_of_a_real_arm_the_report_has_the_measured_tip_and_its_distance_from_the_shadow():

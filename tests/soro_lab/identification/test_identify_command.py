@@ -15,6 +15,7 @@ from typer.testing import CliRunner
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
 from soro_lab.commands import identify as command
+from soro_lab.commands.identify_report import ReportOptions
 from soro_lab.identification.arm import stages
 from soro_lab.identification.arm.stages import ArmIdentification
 
@@ -130,6 +131,10 @@ def test_wrong_options_are_refused(here: Path) -> None:
         result = _soro(*begin, *words)
         assert isinstance(result.exception, ConfigError), words
         assert result.exception.key == key
+
+
+def test_no_profile_may_be_asked_for_without_a_report() -> None:
+    ReportOptions(None, "none").check(load_robot("tue_three_bellow"), force=False)
 
 
 def test_a_robot_that_no_matter_can_be_is_refused(here: Path) -> None:

@@ -37,7 +37,7 @@ BRUTE_PA = (30e3, 60e3, 90e3)
 # An object that is held has come down by less, and in the last second by less [m].
 FALLEN_M, CREPT_M = 15e-3, 3e-4
 GRAVITY, TICK_S = 9.81, 0.01
-_GENTLE = SqueezeSettings(force_n=0.01, crush_n=0.4)
+_GENTLE = SqueezeSettings(force_n=0.01, crush_n=0.6)
 # The hands: whether something tracks the object, and how they squeeze.
 HANDS = (
     ("object tracked", True, _GENTLE),

@@ -238,7 +238,8 @@ class Squeeze:
         if state.since_s <= _SETTLED * self.settings.filter_s:
             state = replaced(state, held_n=mean)
         elif self._slips(state):
-            return _begin(state, "slipping", goal_n=max(mean, self.settings.touch_n))
+            goal = state.held_n if np.isnan(self._falls(state)) else max(mean, self.settings.touch_n)
+            return _begin(state, "slipping", goal_n=min(goal, self.settings.limit_n))
         return self._limited(state, state.level_pa, dt)
 
     def _slipping(self, state: SqueezeState, dt: float) -> SqueezeState:

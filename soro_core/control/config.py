@@ -25,9 +25,9 @@ def require_chambers(robot: Robot, where: str) -> None:
     ConfigError
         With the key `robot`.
     """
+    refuse_tendons(robot, where)
     if not robot.chamber_names:
         raise ConfigError(where, "robot", f"{robot.name}, which has no chambers", "a robot with chambers")
-    refuse_tendons(robot, where)
 
 
 class Gains(Strict):

@@ -44,6 +44,9 @@ def shape(
         typer.Option(min=1, help="Most designs; default 20 and 8 a dimension.", show_default=False),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="Designs at a time, each in a process.")] = 1,
+    dask: Annotated[
+        str, typer.Option(metavar="ADDRESS", help="Compute designs on this Dask cluster (extra: dask).")
+    ] = "",
     out: Annotated[
         Path | None, typer.Option(help="Folder to write; default PART_shape.", show_default=False)
     ] = None,
@@ -83,7 +86,7 @@ def shape(
         console.print(f"{len(now.designs)}{of} designs: {line(now)}", highlight=False)
 
     is_interrupted = False
-    with executor_of(jobs) as executor:
+    with executor_of(jobs, dask) as executor:
         noted: AbstractContextManager[list[int]] = (
             nullcontext([]) if isinstance(executor, Here) else signals.noted()
         )

@@ -1,4 +1,4 @@
-"""A limit on the stretch of a soft part, as a constraint of the optimisation; docs/design.md (T12).
+"""A limit on the stretch of a soft part, as a constraint of the optimisation; docs/design.md (T9a).
 
 Elongations count by their density. The power mean of those in all three principal directions takes the
 place of the greatest one: it is smooth, also where two directions change places. It is scaled by the greatest

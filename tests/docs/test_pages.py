@@ -111,6 +111,12 @@ def test_pictures_of_the_pages_are_used_and_small():
         assert picture.stat().st_size < 1.5e6, picture.name
 
 
+def test_the_pages_together_stay_short_enough_to_be_read():
+    """Who adds words takes as many away."""
+    read = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    assert sum(len(page.read_text(encoding="utf-8").split()) for page in read) <= 52_000
+
+
 def test_the_changelog_of_a_release_is_one_screen():
     text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     # The table of moved import paths is for looking up.

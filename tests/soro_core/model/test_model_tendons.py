@@ -360,6 +360,7 @@ def test_what_drives_pressures_alone_refuses_tendons_in_one_line():
         simulate(arm, valves=ValveModel())
     for build in (
         lambda: Controller(robot, ControllerConfig()),
+        lambda: Controller(arm_of([HELIX]).robot, ControllerConfig()),
         lambda: ArmPlant(robot, TwinConfig()),
         lambda: Estimator(robot),
     ):

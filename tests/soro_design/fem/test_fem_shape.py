@@ -234,3 +234,17 @@ def test_no_more_designs_than_asked_are_computed(tube):
     state = ShapeSearch(make_task(tube, "stroke", VARY, pressure_pa=1e3, limits=(2.0, 0.0)))
     optimise(state, Here(), 3, lambda now: None)
     assert len(state.designs) == 3
+
+
+@pytest.mark.process
+@pytest.mark.slow
+@pytest.mark.filterwarnings("default")
+def test_a_dask_cluster_finds_the_same_designs_to_the_bit(soro, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="the extra dask is not installed")
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
+        several = ("--dask", cluster.scheduler_address)
+        for folder, more in (("one", ()), ("more", several)):
+            found = soro("--goal", "stroke", "--vary", VARY[0], "--max-stretch", "2", "--out", folder, *more)
+            assert found.exit_code == 0, found.output
+    one, more = ((tmp_path / folder / "designs.csv").read_bytes() for folder in ("one", "more"))
+    assert one == more

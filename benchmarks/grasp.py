@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,20 +25,20 @@ from soro_core.bodies import (
 from soro_core.grasping import Finger, Squeeze, SqueezeRun, SqueezeSettings, SqueezeTrial, simulate_squeeze
 
 TITLE = "Squeeze"
-OBJECTS, POINTS, STEP_S = 36, 12, 1e-3
+OBJECTS, POINTS, STEP_S = 100, 12, 1e-3
 # How much the stiffness of each true finger may differ from the model's, and the place of the object along
 # x and y from the middle [m].
 STIFFNESS, OFF_M = 0.05, 1.5e-3
 # Strain and curvatures by a pose with 0.1 mm of noise; place at which fingers touch [m].
 NOISE, TOUCH_M = np.array([1.5e-3, 0.05, 0.05]), 0.062
 # The table sinks slowly first; times from its begin [s], and how far [m].
-BEGIN_S, SINKS_S, SUNK_M, END_S = 2.5, (8.0, 9.0), (8e-3, 38e-3), 13.0
+BEGIN_S, SINKS_S, SUNK_M, END_S = 2.5, (12.0, 13.0), (8e-3, 38e-3), 17.0
 # Pressures of the squeeze by brute force, least of which holds is enough [Pa].
 BRUTE_PA = (30e3, 60e3, 90e3)
 # An object that is held has come down by less, and in the last second by less [m].
 FALLEN_M, CREPT_M = 15e-3, 3e-4
 GRAVITY, TICK_S = 9.81, 0.01
-_GENTLE = SqueezeSettings(force_n=0.01, crush_n=0.4)
+_GENTLE = SqueezeSettings(force_n=0.01, crush_n=0.6)
 # The hands: whether something tracks the object, and how they squeeze.
 HANDS = (
     ("object tracked", True, _GENTLE),
@@ -143,41 +144,51 @@ def squeezed(one: Case, seed: int, tracked: bool, settings: SqueezeSettings) -> 
     )
 
 
+def measured(seed: int) -> list[SqueezeRun]:
+    """Return the run of each hand around an object; none where it cannot be held."""
+    one = case(seed)
+    if not is_holdable(one):
+        return []
+    return [squeezed(one, seed, tracked, settings) for _, tracked, settings in HANDS]
+
+
 def run(options: Options) -> str:
     """Measure and write."""
-    cases = {seed: case(seed) for seed in range(options.pick(OBJECTS, 2))}
-    holdable = {}
-    for seed, one in cases.items():
-        options.say(f"squeeze: object {seed}")
-        if is_holdable(one):
-            holdable[seed] = one
-    kinds = [one.kind for one in holdable.values()]
+    seeds = range(options.pick(OBJECTS, 2))
+    with ProcessPoolExecutor(options.jobs) as pool:
+        runs = dict(zip(seeds, pool.map(measured, seeds), strict=True))
+    return written({seed: found for seed, found in runs.items() if found}, len(seeds))
+
+
+def written(runs: Mapping[int, list[SqueezeRun]], number: int) -> str:
+    """Return the text for the runs of the holdable ones of a number of objects."""
+    cases = {seed: case(seed) for seed in runs}
+    kinds = [one.kind for one in cases.values()]
     counts = ", ".join(str(kinds.count(kind)) for kind in ("ball", "cylinder", "box"))
-    first = f"{len(cases)}; {len(kinds)}; {counts}"
-    rows = [["objects; holdable; of these balls, cylinders, boxes", first]]
-    for words, tracked, settings in HANDS:
-        held, most = {kind: list[float]() for kind in kinds}, 0.0
-        for seed, one in holdable.items():
-            options.say(f"squeeze: {words}, object {seed}")
-            ran = squeezed(one, seed, tracked, settings)
-            most = max(most, float(ran.normal_n.max(initial=0.0)))
+    rows = [["objects; holdable; of these balls, cylinders, boxes", f"{number}; {len(kinds)}; {counts}"]]
+    for k, (words, _, settings) in enumerate(HANDS):
+        held: dict[str, list[float]] = {kind: [] for kind in kinds}
+        for seed, found in runs.items():
+            ran, one = found[k], cases[seed]
             if len(ran.t) == round(END_S / TICK_S) and is_held(ran.t, ran.height_m):
                 held[one.kind].append(float(ran.normal_n.sum(axis=1).max()) / one.needed_n)
-        number = sum(map(len, held.values()))
         by_kind = ", ".join(f"{kind} {len(one)}" for kind, one in held.items())
-        share = f"{number}; {100.0 * number / max(len(holdable), 1):.0f} %; {by_kind}"
+        total = sum(map(len, held.values()))
+        share = f"{total}; {100.0 * total / max(len(runs), 1):.0f} %; {by_kind}"
         rows.append([f"{words}: held of the holdable", share])
         for kind, ratio in held.items():
             if ratio:
                 above = sum(one > 1.3 for one in ratio)
                 text = f"{np.median(ratio):.2f}; {max(ratio):.2f}; {above}"
                 rows.append([f"{words}: {kind}: largest sum of normal forces over weight / mu", text])
+        most = max(float(found[k].normal_n.max(initial=0.0)) for found in runs.values())
         rows.append([f"{words}: largest normal force; limit", f"{most:.3f}; {settings.crush_n:g} N"])
     pressures = ", ".join(f"{1e-3 * p:g}" for p in BRUTE_PA)
     return (
         "Three fingers of one link with poses of 0.1 mm of noise, whose stiffness is up to "
         f"{100 * STIFFNESS:g} % from the model's; objects of 5 to 60 g, mu 0.3 to 1, {1e3 * OFF_M:g} mm or "
-        "less along x and y from the middle, on a table that sinks 8 mm in 8 s and is gone a second later. "
+        "less along x and y from the middle, on a table that sinks "
+        f"{1e3 * SUNK_M[0]:g} mm in {SINKS_S[0]:g} s and is gone a second later. "
         f"Holdable: one of {pressures} kPa in all fingers holds it. Sums of normal forces: of objects "
         f"that are held; median, largest, how many are above 1.3.\n\n{table(['', ''], rows)}"
     )

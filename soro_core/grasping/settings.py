@@ -29,11 +29,10 @@ class SqueezeSettings(Strict):
     filter_s: float = Field(
         0.1, gt=0, description="time constant of poses and pressures, and of a step to a force [s]"
     )
-    slip_factor: float = Field(
-        1.06, gt=1, le=2, description="by which the force rises where the object slips"
-    )
-    slip_s: float = Field(0.2, gt=0, description="between two such rises [s]")
-    slip_m_s: float = Field(5e-4, gt=0, description="speed of a tracked object that is a slip [m/s]")
+    slip_m: float = Field(1e-3, gt=0, description="tracked slip for which force rises by a factor e [m]")
+    blind_s: float = Field(3.0, gt=0, description="the same for one that is not tracked: a time [s]")
+    slip_s: float = Field(0.2, gt=0, description="shortest slip [s]")
+    slip_m_s: float = Field(3e-4, gt=0, description="speed of a tracked object that is a slip [m/s]")
     slip_part: float = Field(
         0.2, gt=0, lt=1, description="part of the force that a slip takes away while the pressures hold"
     )

@@ -238,18 +238,20 @@ class Squeeze:
         if state.since_s <= _SETTLED * self.settings.filter_s:
             state = replaced(state, held_n=mean)
         elif self._slips(state):
-            return self._harder(state)
+            goal = state.held_n if np.isnan(self._falls(state)) else max(mean, self.settings.touch_n)
+            return _begin(state, "slipping", goal_n=min(goal, self.settings.limit_n))
         return self._limited(state, state.level_pa, dt)
 
     def _slipping(self, state: SqueezeState, dt: float) -> SqueezeState:
-        """Squeeze harder, by a factor each time, for as long as it slips."""
-        s, mean = self.settings, float(state.force_n.mean())
+        """Squeeze harder for as long as it slips: by a factor e for a length that it slips, or for a time."""
+        s, mean, falls = self.settings, float(state.force_n.mean()), self._falls(state)
         if state.since_s >= s.slip_s:
             if not self._slips(state):
                 return _begin(state, "holding", held_n=mean)
             if state.force_n.max() < s.touch_n:
                 return _begin(state, "opening", cause="the object is gone")
-            state = self._harder(state)
+        rises = 1.0 / s.blind_s if np.isnan(falls) else max(falls, 0.0) / s.slip_m
+        state = replaced(state, goal_n=min(state.goal_n * np.exp(dt * rises), s.limit_n))
         rate = max((state.goal_n - mean) * s.pa_per_n / s.filter_s, 0.0)
         return self._limited(state, state.level_pa + dt * rate, dt)
 
@@ -259,16 +261,15 @@ class Squeeze:
         return state if level.any() else _begin(state, "open", touches=np.zeros_like(state.touches))
 
     def _slips(self, state: SqueezeState) -> bool:
-        """Whether the object moves down, or has taken force away from the fingers."""
-        s = self.settings
-        falls = float(state.height_m[1] - state.height_m[0]) / s.filter_s
-        return falls > s.slip_m_s or float(state.force_n.mean()) < (1.0 - s.slip_part) * state.held_n
+        """Whether the object moves down, or, where nothing tracks it, has taken force away."""
+        s, falls = self.settings, self._falls(state)
+        if np.isfinite(falls):
+            return falls > s.slip_m_s
+        return float(state.force_n.mean()) < (1.0 - s.slip_part) * state.held_n
 
-    def _harder(self, state: SqueezeState) -> SqueezeState:
-        goal = min(
-            max(state.goal_n, float(state.force_n.mean())) * self.settings.slip_factor, self.settings.limit_n
-        )
-        return _begin(state, "slipping", goal_n=goal)
+    def _falls(self, state: SqueezeState) -> float:
+        """Speed at which a tracked object sinks against the fingers [m/s]; nan without tracking."""
+        return float(state.height_m[1] - state.height_m[0]) / self.settings.filter_s
 
     def _limited(self, state: SqueezeState, level: Array, dt: float) -> SqueezeState:
         """Return the state with these pressures; at the crush limit they only fall."""

@@ -167,12 +167,31 @@ def test_lost_force_while_the_pressures_hold_is_a_slip():
     assert state.goal_n > state.force_n.mean()
 
 
+@pytest.mark.parametrize("speed", [5e-4, 2e-3])
+def test_the_force_rises_by_a_factor_e_for_a_length_of_slip(speed):
+    """However fast it slips; and for a time where nothing tracks it."""
+    law = hand(noise=np.zeros(3), force_n=0.01, crush_n=10.0, slip_m=2e-3, blind_s=4.0)
+    level, rises = 20e3, {}
+    free = equilibrium(law.fingers[0].arm, level * CLOSING)
+    for is_tracked in (True, False):
+        state = replaced(law.initial_state(), phase="slipping", level_pa=np.full(3, level), held_n=10.0)
+        goals = []
+        for k in range(300):
+            height = -speed * 0.01 * k if is_tracked else None
+            state = law.step(state, Felt([level * CLOSING] * 3, [0.5 * free] * 3, height), True, 0.01)
+            goals.append(state.goal_n)
+        assert state.phase == "slipping"
+        rises[is_tracked] = np.log(goals[299] / goals[199])
+    assert rises[True] == pytest.approx(speed / 2e-3, rel=0.02)
+    assert rises[False] == pytest.approx(1.0 / 4.0)
+
+
 @pytest.mark.parametrize(
     ("keys", "said"),
     [
         ({"force_n": 0.5}, "none above the next one"),
         ({"touch_pa": 1e5}, "at most most_pa"),
-        ({"slip_factor": 1.0}, "slip_factor"),
+        ({"slip_m": 0.0}, "slip_m"),
     ],
 )
 def test_bad_settings_are_refused_in_one_line(keys, said):

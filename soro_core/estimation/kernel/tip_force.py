@@ -92,24 +92,32 @@ def _world_columns(arm: FineArm, site: Site, x: Array, p: Array, columns: Array)
 
 @inner
 def _learned(arm: FineArm, theta: Array, x: Array, force: Array, K: Array) -> None:
-    """force (N,) += U W phi of the mean coordinates, K += its derivative."""
+    """force (N,) += U W phi, K += its derivative.
+
+    The strain of a piece meets its own learned stiffness (the diagonal of W), as it meets that of the file;
+    all else is that of the mean coordinates.
+    """
     n, N = arm.mean.shape
     for a in range(n):
         row = 1 + a * (n + 1)
-        value = theta[row]
+        value, own = theta[row], theta[row + 1 + a] / arm.q_unit[a]
         for b in range(n):
             q = 0.0
             for c in range(N):
                 q += arm.mean[b, c] * x[c]
             value += theta[row + 1 + b] * q / arm.q_unit[b]
+            if b == a:
+                value -= own * q
         for r in range(N):
             part = arm.mean[a, r] * arm.force_unit[a]
             if part != 0.0:
-                force[r] += part * value
+                force[r] += part * (value + own * x[r])
+                K[r, r] += part * own
                 for b in range(n):
-                    slope = part * theta[row + 1 + b] / arm.q_unit[b]
-                    for c in range(N):
-                        K[r, c] += slope * arm.mean[b, c]
+                    if b != a:
+                        slope = part * theta[row + 1 + b] / arm.q_unit[b]
+                        for c in range(N):
+                            K[r, c] += slope * arm.mean[b, c]
 
 
 @entry

@@ -6,8 +6,10 @@ from scipy.optimize import root
 
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learner import Learner
 from soro_core.adaptation.learning.state import LearnerSample
+from soro_core.adaptation.scales import scales_of
 from soro_core.config import with_changes
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.reference.trajectory import Hold
@@ -67,6 +69,24 @@ def test_one_constant_strain_would_take_the_uneven_bend_for_another_force():
     force = np.array([0.2, 0.0, 0.0])
     coarse, fine = (np.linalg.norm(balance(force, pieces=n)[0].force_n - force) for n in (1, 4))
     assert fine < 0.2 * coarse
+
+
+@pytest.mark.parametrize("stiffness", [0.7, 1.3])
+def test_each_piece_bends_with_the_learned_stiffness(stiffness):
+    """What is learned near the rest is of the whole link; the push bends its pieces non-uniformly."""
+    pressure, push, still = np.array([34e3, 48e3, 58e3]), np.array([0.1, 0.0, 0.0]), np.zeros(ARM.n_q)
+    true, more = SoftArm(ROBOT.scaled(stiffness=stiffness).refine(12)), stiffness - 1.0
+    before, pushed = (rest(true, pressure, force) for force in (np.zeros(3), push))
+    q = before.reshape(12, 3).mean(axis=0)
+    learned = Learned(np.zeros(15)).with_force(
+        q, more * ARM.elastic_force(q), more * ARM.stiffness_matrix(q), scales_of(ARM)
+    )
+    tip = true.pose(pushed, true.length)
+    seen = Measured(tip[:3, 3], pressure, still, still, still)
+    found = TipBalancer(ARM, 1, 8).step(
+        None, seen, learned.theta, ARM.length, pushed.reshape(12, 3).mean(axis=0)
+    )
+    assert np.all(np.abs(tip[:3, :3].T @ (found.force_n - push)) < [1e-3, 1e-3, 20e-3])
 
 
 def test_the_derivative_by_the_position_is_that_of_differences():

@@ -67,7 +67,7 @@ class MeasuredTwin(TwinNode):
         setattr(owner, name, timed)
 
     def _observe(self) -> None:
-        k = self._state.tick + self._skipped - self._first_tick
+        k = self.state.tick + self._skipped - self._first_tick
         if k >= 0 and self._start is None:
             self._start = time.process_time(), time.perf_counter(), _busy_s()
             self._parts_s = dict.fromkeys(PARTS, 0.0)

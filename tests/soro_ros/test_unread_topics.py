@@ -35,7 +35,8 @@ def test_a_topic_counts_as_read_while_it_has_a_subscription_and_always_in_lockst
 
 
 def test_a_report_makes_the_messages_of_read_topics_alone():
-    command = SimpleNamespace(tip_reference=np.eye(4), configured_tip=None, terms={"model": np.ones(1)})  # and no estimates
+    # No estimates.
+    command = SimpleNamespace(tip_reference=np.eye(4), configured_tip=None, terms={"model": np.ones(1)})
     found = {}
     report = ControlReport(["bend"], "world", found.__setitem__, lambda topic: topic == "controller/terms")
     report.publish(command, None, 5)

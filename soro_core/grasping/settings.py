@@ -11,7 +11,9 @@ class SqueezeSettings(Strict):
     """Forces, pressures and times of a squeeze; forces are those of one finger, across it."""
 
     force_n: float = Field(0.015, gt=0, description="of the first squeeze [N]")
-    crush_n: float = Field(0.3, gt=0, description="that no finger may pass [N]")
+    crush_n: float = Field(
+        0.3, gt=0, description="limit of a finger [N]; the hand stops at crush_part of it, by estimate"
+    )
     crush_part: float = Field(
         0.85, gt=0, le=1, description="of crush_n at which the force stops: what the estimate may err"
     )

@@ -151,6 +151,9 @@ class Squeeze:
             If what is measured is not finite or not of these fingers.
         """
         state = self._feel(state, felt, dt)
+        # A force that is no number is above no limit.
+        if state.phase not in ("open", "opening") and not np.isfinite([state.most_n, *state.force_n]).all():
+            state = _begin(state, "opening", cause="the model of a finger gives no finite force")
         if not closes:
             state = replaced(state, cause="")
             if state.phase not in ("open", "opening"):

@@ -96,7 +96,9 @@ class ElongationChoice:
             if len(tried) < _TRIES and -settings.stretch_limit <= at <= longest:
                 try:
                     more_pa = _excess_pa(supply, settings, own, at * stretch)
-                except (SoroError, np.linalg.LinAlgError):  # the model has no value there: the circle stays
+                except (SoroError, np.linalg.LinAlgError):  # the model has no value there
+                    more_pa = math.nan
+                if not math.isfinite(more_pa):
                     return replaced(self, chosen_s=0.0, tried=()), now
                 if more_pa > _NEAR_PA or (tried and more_pa < -_NEAR_PA):
                     return replaced(self, tried=(*tried, (at, more_pa))), now

@@ -1,5 +1,6 @@
 """The elongation of a circle chosen anew by what is learned: as a right file would, and never unsaid."""
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,7 @@ import pytest
 from soro_core import SoftArm, load_robot
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
+from soro_core.control.motions import learned_elongation
 from soro_core.control.motions.kinematics import mean_static_pressure
 from soro_core.control.motions.learned_elongation import ElongationChoice
 from soro_core.control.motions.pressure_feasibility import pressure_supply
@@ -187,3 +189,11 @@ def test_a_tick_tries_one_elongation_and_a_search_without_an_end_leaves_the_circ
         choice, circle = choice.renewed(odd, control.config.reference, own, own, "a")
         ticks += 1
     assert (circle is own, choice.circle, ticks) == (True, None, 3)
+
+
+def test_where_the_model_has_no_value_the_circle_stays(monkeypatch):
+    loop = Learned()
+    before = loop.elongation()
+    monkeypatch.setattr(learned_elongation, "mean_holding_pressure", lambda *of: math.nan)
+    loop.run(0.1)
+    assert loop.elongation() == before

@@ -7,6 +7,7 @@ from soro_core.bodies import BallShape, BodyMotion, BodyWorld, BoxShape, RigidBo
 from soro_core.errors import ConfigError
 from soro_core.frozen import replaced
 from soro_core.grasping import Felt, Finger, Squeeze, SqueezeSettings, SqueezeTrial, simulate_squeeze
+from soro_core.grasping.finger import FingerForce
 from soro_core.model.equilibrium.statics import equilibrium
 from tests.soro_core.bodies.scenes import WEIGHT, fingers
 
@@ -219,3 +220,20 @@ def test_bad_fingers_and_measurements_are_refused():
         law.step(law.initial_state(), Felt([np.zeros(3)] * 3, [np.zeros(3)] * 3, np.nan), True, 0.01)
     with pytest.raises(ConfigError, match="3 fingers"):
         law.step(law.initial_state(), Felt([np.zeros(3)] * 2, [None] * 2), True, 0.01)
+
+
+@pytest.mark.parametrize("strain", [1e200, np.nan])
+def test_a_force_that_is_no_number_opens_the_hand(strain, monkeypatch):
+    """No limit is below it: the pressures would rise for ever."""
+    law = hand(noise=np.zeros(3), force_n=0.05)
+    rest = Felt([np.zeros(3)] * len(law.fingers), [np.zeros(3)] * len(law.fingers))
+    state = law.step(law.initial_state(), rest, True, 0.01)
+    assert state.phase == "closing"
+    if np.isfinite(strain):
+        rest = replaced(rest, q=[np.full(3, strain)] * len(law.fingers))
+    else:
+        monkeypatch.setattr(Finger, "feel", lambda *of: FingerForce(*[strain] * 5, np.zeros(3)))
+    for _ in range(3):
+        state = law.step(state, rest, True, 0.01)
+    assert (state.phase, state.cause) == ("open", "the model of a finger gives no finite force")
+    assert not state.level_pa.any()

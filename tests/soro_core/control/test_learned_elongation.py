@@ -194,6 +194,7 @@ def test_a_tick_tries_one_elongation_and_a_search_without_an_end_leaves_the_circ
 def test_where_the_model_has_no_value_the_circle_stays(monkeypatch):
     loop = Learned()
     before = loop.elongation()
-    monkeypatch.setattr(learned_elongation, "mean_holding_pressure", lambda *of: math.nan)
+    found = iter([60e3])  # too high at first: shorter ones are tried
+    monkeypatch.setattr(learned_elongation, "mean_holding_pressure", lambda *of: next(found, math.nan))
     loop.run(0.1)
     assert loop.elongation() == before

@@ -18,7 +18,7 @@ def test_what_a_load_and_a_feedback_leave_of_the_stiffness():
         return np.asarray(arm.elastic_force(q) + weight)
 
     assert least_stiffness(arm, arm.elastic_force, straight, none) == pytest.approx(1.0, abs=1e-4)
-    # At a small curvature q the tip is q^2 L^3 / 6 lower: the load at which the arm falls over takes all of it.
+    # At a small curvature q the tip is q^2 L^3 / 6 lower: the load at which the arm falls over.
     empty = least_stiffness(arm, loaded, straight, none)
     critical_kg = empty * own[1, 1] / (9.81 * arm.length**3 / 3.0)
     found = least_stiffness(arm, lambda q: loaded(q, critical_kg), straight, none)

@@ -276,7 +276,9 @@ class ControllerConfig(Strict):
         # A value that is the default is no statement: scenes and nodes write every key out.
         own = [name for name in ("compensation", "adaptation") if getattr(self, name) not in _DEFAULTS[name]]
         if self.law != "adaptive" and own:
-            raise ValueError(f"no {own[0]} beside law: {self.law}: it is a key of law: adaptive, which is to be stated")
+            raise ValueError(
+                f"no {own[0]} beside law: {self.law}: it is a key of law: adaptive, to be stated"
+            )
         return self
 
 

@@ -9,7 +9,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationError, ValidationInfo, field_validator, model_validator
 
 from soro_core.config import Floats, InnerError, Points, Strict
-from soro_core.control.laws.registry import find_law, named, with_folder
+from soro_core.control.laws.registry import SHIPPED, find_law, named, with_folder
 from soro_core.control.motion_config import EnableBounds, ForceControlConfig, MotionConfig
 from soro_core.control.passivity.adaptation_config import Adaptation
 from soro_core.errors import ConfigError
@@ -221,7 +221,7 @@ class ControllerConfig(Strict):
         description="robot of the stated gains, a file or a name; default: the controlled robot",
     )
     law: str = Field(
-        "adaptive",
+        "composite",
         description="control law, a name of the registry or FILE.py:CLASS (docs/adding_a_law.md), or, in a "
         "program, its class",
     )
@@ -267,7 +267,7 @@ class ControllerConfig(Strict):
     @field_validator("law_options")
     @classmethod
     def _allowed(cls, values: Mapping[str, Any], info: ValidationInfo) -> Mapping[str, Any]:
-        if "law" not in info.data or (not values and info.data["law"] == "adaptive"):
+        if "law" not in info.data or (not values and info.data["law"] in SHIPPED):  # all have defaults
             return values
         law = find_law(info.data["law"])
         try:
@@ -281,7 +281,9 @@ class ControllerConfig(Strict):
         # A value that is the default is no statement: scenes and nodes write every key out.
         own = [name for name in ("compensation", "adaptation") if getattr(self, name) not in _DEFAULTS[name]]
         if self.law != "adaptive" and own:
-            raise ValueError(f"no {own[0]}, a key of law: adaptive, beside law: {self.law}")
+            raise ValueError(
+                f"no {own[0]} beside law: {self.law}: it is a key of law: adaptive, to be stated"
+            )
         return self
 
 

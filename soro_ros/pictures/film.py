@@ -300,9 +300,13 @@ def write(shown: Take, file: Path, width_px: int = 800, colours: int = 96) -> No
         In its palette, 16 to 256: fewer make a smaller file.
     """
     from PIL import Image
+    from rich.console import Console
+    from rich.progress import track
 
-    picture = AnimatedFigure(shown, width_px)
-    images = [picture.at(k) for k in range(len(shown.t))]
+    picture, console = AnimatedFigure(shown, width_px), Console(stderr=True)
+    hidden = not console.is_terminal
+    numbers = track(range(len(shown.t)), "drawing", console=console, transient=True, disable=hidden)
+    images = [picture.at(k) for k in numbers]
     palette = _palette(images[:: max(1, len(images) // 8)], colours)
     frames = [Image.fromarray(image).quantize(palette=palette, dither=Image.Dither.NONE) for image in images]
     each_ms = round(1000 * (shown.t[-1] - shown.t[0]) / max(1, len(shown.t) - 1) / 10) * 10

@@ -62,7 +62,7 @@ def tick(node, number, q=(0.0, 0.0, 0.0)):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("robot", "six_link"), ("rate_hz", 100.0), ("control.law", "composite"), ("model.links", 2)],
+    [("robot", "six_link"), ("rate_hz", 100.0), ("control.law", "adaptive"), ("model.links", 2)],
 )
 def test_what_only_the_next_configuration_uses_is_refused_until_the_node_is_cleaned_up(started, name, value):
     node = started(ControllerNode)
@@ -88,7 +88,8 @@ def test_a_node_without_live_parameters_refuses_all_of_them(started):
 
 
 def test_gains_adaptation_and_reference_act_at_once_on_what_is_learned(started):
-    node = started(ControllerNode, "-p", "mode:=lockstep", "-p", "control.reference.start_s:=0.1")
+    settings = ("mode:=lockstep", "control.law:=adaptive", "control.reference.start_s:=0.1")
+    node = started(ControllerNode, *(part for setting in settings for part in ("-p", setting)))
     assert request(node, "~/enable").success
     for number in range(1, 40):
         tick(node, number)

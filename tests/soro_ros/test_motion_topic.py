@@ -80,7 +80,13 @@ class Ticked:
 def controller(
     *settings: str, enabled: bool = True, mode: str = "lockstep", rest: np.ndarray | None = None
 ) -> Iterator[Ticked]:
-    given = (f"mode:={mode}", "control.reference.kind:=hold", "control.reference.start_s:=0.1", *settings)
+    given = (
+        f"mode:={mode}",
+        "control.law:=adaptive",
+        "control.reference.kind:=hold",
+        "control.reference.start_s:=0.1",
+        *settings,
+    )
     middleware.init(["--ros-args", *(part for setting in given for part in ("-p", setting))])
     try:
         node = ControllerNode()

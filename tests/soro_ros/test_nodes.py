@@ -603,9 +603,9 @@ def person(**reference: object) -> Iterator[Person]:
     """A person beside a controller node, which holds until it hears of something else."""
     with RunMonitor("alone") as supervisor:
         settings = {"kind": "hold", **reference}
-        process = start(
-            "controller", "mode:=lockstep", *(f"control.reference.{k}:={v}" for k, v in settings.items())
-        )
+        keys = [f"control.reference.{k}:={v}" for k, v in settings.items()]
+        # `composite` would wait for arm/covariance, which this person does not publish.
+        process = start("controller", "mode:=lockstep", "control.law:=adaptive", *keys)
         try:
             supervisor.wait("controller", lambda: supervisor.active("controller"), lambda: None, COMPILED_S)
             person = Person(supervisor)

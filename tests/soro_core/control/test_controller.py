@@ -25,7 +25,7 @@ DT = 0.005
 
 
 def config(**changes):
-    return parse(changes, ControllerConfig, "test")
+    return parse({"law": "adaptive", **changes}, ControllerConfig, "test")
 
 
 def controller(links=1, **changes):
@@ -217,7 +217,7 @@ def test_set_point_and_hold():
 
 def test_the_shipped_file_holds_the_defaults():
     shipped = load(find_config("adaptive_three_bellow", "controllers"), ControllerConfig)
-    assert with_changes(shipped, robot="", gains=Gains()) == ControllerConfig()
+    assert with_changes(shipped, robot="", gains=Gains()) == config()
 
 
 @pytest.mark.parametrize(

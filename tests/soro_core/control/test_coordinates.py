@@ -40,7 +40,7 @@ def polynomial(basis, order):
 
 
 def config(**changes):
-    return parse(changes, ControllerConfig, "test")
+    return parse({"law": "adaptive", **changes}, ControllerConfig, "test")
 
 
 def to_chebyshev(order, strains=3):

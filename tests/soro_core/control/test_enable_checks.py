@@ -115,7 +115,7 @@ def test_without_a_position_nothing_is_compared(robot, rest):
 
 def test_the_heaviest_load_is_the_bound_of_the_learned_mass(robot):
     for upper in (0.05, 0.1):
-        config = ControllerConfig()
+        config = ControllerConfig(law="adaptive")
         config = with_changes(config, adaptation=with_changes(config.adaptation, upper=(upper,)))
         assert resting_arm(Controller(robot, config)).heaviest_kg == upper
     stated = {"parameters": ("a4",), "gain": (4e-3,), "lower": (1e-3,), "upper": (0.1,)}

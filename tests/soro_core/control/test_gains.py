@@ -31,7 +31,8 @@ def automatic(robot, delay_s=DELAY_S, **stated):
 def test_they_are_near_those_that_were_tuned_for_the_three_bellow_arm():
     robot = shipped("tue_three_bellow")
     tuned = load(find_config("adaptive_three_bellow", "controllers"), ControllerConfig)
-    by_hand, found = Controller(robot, tuned).gains, Controller(robot).gains
+    by_hand = Controller(robot, tuned).gains
+    found = Controller(robot, ControllerConfig(law="adaptive")).gains
     assert np.diag(found.k_p) == pytest.approx(np.diag(by_hand.k_p), rel=0.13)
     assert np.diag(found.k_d) == pytest.approx(np.diag(by_hand.k_d), rel=0.13)
     assert found.rate == pytest.approx(by_hand.rate, rel=0.13)
@@ -95,7 +96,7 @@ def test_a_strain_without_stiffness_needs_stated_gains(monkeypatch):
     monkeypatch.setattr(SoftArm, "stiffness_matrix", lambda arm, q: np.diag([1.3, 2.5e-5, 0.0]))
     with refused("gains", names=("bending_y",)):
         Controller(robot)
-    stated = {"gains": {"k_p": [0.4, 1e-6, 1e-6], "k_d": [0.0, 1e-7, 1e-7]}}
+    stated = {"law": "adaptive", "gains": {"k_p": [0.4, 1e-6, 1e-6], "k_d": [0.0, 1e-7, 1e-7]}}
     with refused("adaptation.gain", None, names=("bending_y",)):
         Controller(robot, parse(stated, ControllerConfig, "test"))
     stated["adaptation"] = {"gain": [0.05]}

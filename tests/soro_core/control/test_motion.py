@@ -28,7 +28,9 @@ LINE = np.array([[-0.015, 0.0, HIGH], [0.015, 0.0, HIGH]])
 
 
 def controller(mass_kg=0.02, robot=None, **motion):
-    config = parse({"motion": motion, "reference": {"kind": "hold"}}, ControllerConfig, "test")
+    config = parse(
+        {"law": "adaptive", "motion": motion, "reference": {"kind": "hold"}}, ControllerConfig, "test"
+    )
     control = Controller(robot or load_robot(find_config("tue_three_bellow", "robots")), config)
     state = control.initial_state()
     return control, replace(state, law=replace(state.law, estimate=np.array([mass_kg])))

@@ -45,7 +45,7 @@ class Setup:
     second_pose_m: float = 0.0  # place of a second pose along the arm
     reference: Reference | None = None  # in place of the configured one
     regulator: RegulatorModel = field(default_factory=RegulatorModel)
-    control: ControllerConfig = field(default_factory=ControllerConfig)
+    control: ControllerConfig = field(default_factory=lambda: ControllerConfig(law="adaptive"))
     estimation: EstimatorConfig = field(default_factory=EstimatorConfig)
     model: Discretisation = field(default_factory=Discretisation)  # of estimator and controller
 

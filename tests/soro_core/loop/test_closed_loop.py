@@ -24,7 +24,7 @@ def robot():
 
 
 def circle(**changes) -> ControllerConfig:
-    config = ControllerConfig()
+    config = ControllerConfig(law="adaptive")
     return config.model_copy(update={"reference": config.reference.model_copy(update=changes)})
 
 
@@ -44,7 +44,7 @@ def test_the_main_job(robot):
     """20 s of the circle with 20 g that the controller does not know of."""
     adapted = run(robot, Setup())
     # What learns nothing stays after the way up as it is: the last 5 of 14 s are those of 20 s.
-    fixed = run(robot, Setup(control=without_adaptation(ControllerConfig()), duration_s=14.0))
+    fixed = run(robot, Setup(control=without_adaptation(circle()), duration_s=14.0))
     report("adapted", adapted)
     report("fixed", fixed)
     assert adapted.rms() <= 1.1e-3  # 1.5 mm is asked for

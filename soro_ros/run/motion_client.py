@@ -2,37 +2,33 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
-from collections.abc import Callable, Container, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseStamped, WrenchStamped
 from nav_msgs.msg import Path
-from rcl_interfaces.msg import Parameter as Message
-from rcl_interfaces.srv import GetParameters, SetParametersAtomically
-from rclpy.parameter import Parameter
 
 from soro_core.errors import ConfigError
 from soro_core.run_keys import Frames
 from soro_ros.conversion import messages, qos
 from soro_ros.conversion.force import wrench
 from soro_ros.host.services import ServiceCaller
+from soro_ros.run.node_client import POLL_S, NodeClient
 from soro_ros.topics.motion_job import LOST, MOVING, PLANNING, REACHED, REFUSED, STATUS, WRENCH
 from soro_ros.topics.motion_topic import TOPIC
 
 _DESIRED = "arm/desired/tip"
 # Time between two lines of progress [s].
 _LINE_S = 1.0
-_POLL_S = 0.02
 # Time that the last message of a program has to arrive [s].
 _ARRIVES_S = 0.5
 _UPRIGHT = np.array([0.0, 0, 0, 1])
 
 
-class Mover:
+class Mover(NodeClient):
     """Sends a path to a controller and follows its reports.
 
     Parameters
@@ -44,11 +40,6 @@ class Mover:
         Longest wait for an answer or a report [s].
     say : callable
         Takes a line of progress.
-
-    Attributes
-    ----------
-    ended : str
-        How the last motion has ended, as the controller has said; empty if it has not.
     """
 
     topic: ClassVar[str] = TOPIC
@@ -61,62 +52,15 @@ class Mover:
         limit_s: float,
         say: Callable[[str], None],
     ) -> None:
-        self._caller, self._controller = caller, controller
-        self._limit_s, self._say = limit_s, say
-        self._namespace = controller.rpartition("/")[0]
+        super().__init__(caller, controller, limit_s, say)
         self._tip: np.ndarray | None = None
         self._world = Frames().world
         self._reports: list[DiagnosticStatus] = []
-        self._stamp_ns, self.ended = 0, ""
+        self._stamp_ns = 0
         node, names = caller.node, self._namespace
         self._sender = node.create_publisher(self.kind, f"{names}/{self.topic}", qos.RELIABLE)
         node.create_subscription(DiagnosticStatus, f"{names}/{STATUS}", self._reports.append, qos.RELIABLE)
         node.create_subscription(PoseStamped, f"{names}/{_DESIRED}", self._on_desired, qos.SENSOR)
-
-    @contextlib.contextmanager
-    def configured(
-        self, given: Mapping[str, float | bool | None], once: Container[str] = ()
-    ) -> Iterator[None]:
-        """Set parameters of the controller for a motion; those of a refused one are taken back.
-
-        Parameters
-        ----------
-        given : mapping
-            Values by name; None leaves one as it is.
-        once : container of str
-            Names of those that are taken back in any case.
-
-        Raises
-        ------
-        ConfigError
-            If the controller refuses one; it then takes none.
-        """
-        wanted = {key: Parameter(key, value=value) for key, value in given.items() if value is not None}
-        if not wanted:
-            yield
-            return
-        request = GetParameters.Request(names=list(wanted))
-        before = self._call("get_parameters", GetParameters, request).values
-        self._set([value.to_parameter_msg() for value in wanted.values()])
-        try:
-            yield
-        finally:
-            olds = zip(wanted, before, strict=True)
-            back = [(key, old) for key, old in olds if key in once or self.ended == REFUSED]
-            self._set([Message(name=key, value=old) for key, old in back])
-
-    def _set(self, parameters: list[Message]) -> None:
-        if not parameters:
-            return
-        request = SetParametersAtomically.Request(parameters=parameters)
-        result = self._call("set_parameters_atomically", SetParametersAtomically, request).result
-        if not result.successful:
-            keys = ", ".join(parameter.name for parameter in parameters)
-            values = ", ".join(str(Parameter.from_parameter_msg(one).value) for one in parameters)
-            raise ConfigError(self._controller, keys, values, result.reason)
-
-    def _call(self, service: str, kind: Any, request: Any) -> Any:
-        return self._caller.call(self._controller, service, kind, request, self._limit_s)
 
     def start(self) -> np.ndarray:
         """Return where the tip is wanted now (3,) [m].
@@ -128,7 +72,7 @@ class Mover:
         """
         if not self._wait(lambda: self._tip is not None and self._is_joined()):
             found = "no reference on arm/desired/tip" if self._tip is None else f"no reader of {self.topic}"
-            raise ConfigError(self._controller, "controller", found, "a controller in control: soro enable")
+            raise ConfigError(self._node, "controller", found, "a controller in control: soro enable")
         return np.asarray(self._tip)
 
     def move(self, positions: np.ndarray) -> int:
@@ -141,7 +85,7 @@ class Mover:
         self._publish(message)
         heard, state, next_line = time.monotonic(), "", 0.0
         while time.monotonic() - heard < self._limit_s:
-            self._caller.spin(_POLL_S)
+            self._caller.spin(POLL_S)
             for report, values in self._heard():
                 heard = time.monotonic()
                 if report.name not in (PLANNING, MOVING):
@@ -179,20 +123,6 @@ class Mover:
             and self._caller.node.count_publishers(f"{self._namespace}/{STATUS}") > 0
         )
 
-    def _wait(self, ready: Callable[[], bool]) -> bool:
-        deadline = time.monotonic() + self._limit_s
-        while not ready() and time.monotonic() < deadline:
-            self._caller.spin(_POLL_S)
-        return ready()
-
-    def _vented(self) -> str:
-        """Why the arm of the controller is vented; empty if it is not."""
-        for name, status in self._caller.status.items():
-            is_of_arm = name.rpartition("/")[0] == self._namespace
-            if is_of_arm and status.message.startswith("vented"):
-                return f"{name}: {status.message}"
-        return ""
-
     def _on_desired(self, message: PoseStamped) -> None:
         # In the frame in which the controller states its own poses, whatever its name.
         self._tip, self._world = messages.pose_arrays(message.pose)[0], message.header.frame_id
@@ -228,13 +158,13 @@ class Presser(Mover):
         self._publish(self._wrench(np.zeros(3)))
         until = time.monotonic() + _ARRIVES_S
         while time.monotonic() < until and not any(True for _ in self._heard()):
-            self._caller.spin(_POLL_S)
+            self._caller.spin(POLL_S)
 
     def _hold(self, hold_s: float) -> int:
         """Watch a force that is reached; return the exit status."""
         until = time.monotonic() + hold_s
         while time.monotonic() < until:
-            self._caller.spin(_POLL_S)
+            self._caller.spin(POLL_S)
             for report, values in self._heard():
                 if report.name not in (MOVING, REACHED):
                     self.ended = report.name

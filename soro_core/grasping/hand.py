@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.errors import ConfigError
+from soro_core.errors import NEXT_CONFIGURE, ConfigError
 from soro_core.grasping.finger import Finger
 from soro_core.grasping.settings import HandKeys
 from soro_core.grasping.squeeze import Squeeze, SqueezeState
@@ -22,8 +23,8 @@ _STEPS = 60
 class Hand:
     """The law of a hand, and the coordinates that its fingers are asked for.
 
-    A controller without feedback gives a finger the pressures of the shape that it is asked for: a finger that
-    shall have a pressure is asked for the shape that it would have under it without the object.
+    A controller without feedback gives a finger the pressures of the shape that it is asked for: so each is
+    asked for the shape that it would have under the wanted pressure without the object.
 
     Parameters
     ----------
@@ -45,13 +46,30 @@ class Hand:
         fingers = []
         for arm in arms:
             if closing.shape != (arm.n_u,):
-                raise ConfigError("hand", "closing", keys.closing, f"{arm.n_u} numbers, one a chamber of a finger")
+                raise ConfigError(
+                    "hand", "closing", keys.closing, f"{arm.n_u} numbers, one a chamber of a finger"
+                )
             by_place = np.linalg.pinv(arm.jacobian(np.zeros(arm.n_q), arm.length)[3:])
             noise = keys.pose_noise_m * np.linalg.norm(by_place, axis=1)
-            fingers.append(Finger(arm, closing, keys.touch_m, noise))
+            fingers.append(Finger(arm, closing, keys.touch_m, noise, keys.off_m))
         self.keys, self.squeeze = keys, Squeeze(fingers, keys.squeeze)
         self._level_pa = np.linspace(0.0, keys.squeeze.most_pa, _STEPS + 1)
         self._shapes = [self._free_shapes(one) for one in fingers]
+
+    def retuned(self, keys: HandKeys) -> Hand:
+        """Return the same fingers with other forces and times.
+
+        Raises
+        ------
+        ConfigError
+            If the largest pressure is another one: the shapes are computed up to it.
+        """
+        if keys.squeeze.most_pa != self.keys.squeeze.most_pa:
+            allowed = f"{self.keys.squeeze.most_pa:g}; another value {NEXT_CONFIGURE}"
+            raise ConfigError("hand", "squeeze.most_pa", keys.squeeze.most_pa, allowed)
+        other = copy(self)
+        other.keys, other.squeeze = keys, Squeeze(self.squeeze.fingers, keys.squeeze)
+        return other
 
     def _free_shapes(self, finger: Finger) -> Array:
         """Coordinates (n, n_q) at rest under each level of pressure, without an object."""

@@ -105,7 +105,7 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
 
 
 def _check_hand(scene: Scene, where: str) -> None:
-    """Refuse a hand of arms that differ, or whose controllers do not give them the pressures that it wants."""
+    """Refuse a hand of arms that differ, or whose controllers add a feedback to its pressures."""
     if len(scene.arms) < 2:
         raise ConfigError(where, "arms", len(scene.arms), "two or more fingers of a hand")
     for name, arm in scene.arms.items():

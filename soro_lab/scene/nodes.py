@@ -136,7 +136,8 @@ class HandNodeConfig(NodeKeys, HandKeys):
         ("thumb", "index", "middle"), description="namespaces of the fingers below that of the node"
     )
     robots: Strings = Field(
-        ("tue_three_bellow",), description="their robot files, or names of shipped ones: one each, or one for all"
+        ("tue_three_bellow",),
+        description="their robot files, or names of shipped ones: one each, or one for all",
     )
     model: Discretisation = Field(Discretisation(), description="how a finger is computed")
     state_age_s: float = Field(

@@ -16,7 +16,9 @@ def grasp(
         float,
         unit_option("--duration", "s", 0.0, 3600.0, "5s", help="How long it holds before it opens."),
     ] = 5.0,
-    keep: Annotated[bool, typer.Option("--keep", help="End while it holds; soro grasp --open lets go.")] = False,
+    keep: Annotated[
+        bool, typer.Option("--keep", help="End while it holds; soro grasp --open lets go.")
+    ] = False,
     is_opened: Annotated[bool, typer.Option("--open", help="Only open the hand.")] = False,
     force: Annotated[
         float | None,
@@ -26,12 +28,12 @@ def grasp(
         float | None,
         unit_option("--crush", "N", 1e-6, 1e3, help="Largest force of a finger, never passed, also later."),
     ] = None,
-    node: Annotated[
-        str, typer.Option(help="Hand, by its full name or its end; default: the only one.")
-    ] = "",
+    node: Annotated[str, typer.Option(help="Hand, by its full name or its end; default: the only one.")] = "",
     timeout_s: Annotated[
         float,
-        unit_option("--timeout", "s", 0.1, 600.0, "10s", help="Longest wait for a node, an answer or progress."),
+        unit_option(
+            "--timeout", "s", 0.1, 600.0, "10s", help="Longest wait for a node, an answer or progress."
+        ),
     ] = 10.0,
 ) -> None:
     """Close the hand of a running scene, squeeze until it holds, hold, and open.

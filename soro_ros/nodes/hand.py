@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
@@ -25,7 +24,7 @@ from soro_ros.topics.diagnostics import OK, WARN
 from soro_ros.topics.motion_job import LOST, VENTED
 
 GRASP, STATE = "hand/grasp", "hand/state"
-# Period of the law [s], a fifth of the time constant of its filter: the models of the fingers take milliseconds.
+# Period of the law [s], below the time constant of its filter: the models of the fingers take milliseconds.
 _PERIOD_S = 0.02
 # Time between two reports of progress [s], and change of pressure that is asked for at once [Pa].
 _REPORT_S, _CHANGED_PA = 0.1, 1.0
@@ -56,8 +55,11 @@ class HandNode(SoroNode[HandNodeConfig]):
         robots = [load_robot(file) for file in (files if len(files) > 1 else files * len(names))]
         self._chambers = [robot.chamber_names for robot in robots]
         self._hand: Hand
-        self.compile(lambda: self._build(robots, config))
-        self._robots = robots
+
+        def make() -> None:
+            self._hand = Hand(robots, config.model, _keys(config))
+
+        self.compile(make)
         self._coordinates = [one.arm.robot.coordinate_names for one in self._hand.squeeze.fingers]
         self._closes, self._closes_itself = False, config.close_at_s > 0.0
         self._state, self._t_s = self._hand.squeeze.initial_state(), 0.0
@@ -82,19 +84,17 @@ class HandNode(SoroNode[HandNodeConfig]):
                 PoseStamped, f"{name}/arm/desired/tip", partial(self._on_desired, name), qos.RELIABLE
             )
         self._asks = [
-            self.create_publisher(JointTrajectory, f"{name}/arm/reference/trajectory", qos.loop(self._lockstep))
+            self.create_publisher(
+                JointTrajectory, f"{name}/arm/reference/trajectory", qos.loop(self._lockstep)
+            )
             for name in names
         ]
         self._grasp = self.create_publisher(DiagnosticStatus, GRASP, qos.RELIABLE)
         self._felt = self.create_publisher(JointState, STATE, qos.RELIABLE)
         create_triggers(self, {"close": self._on_close, "open": self._on_open})
 
-    def _build(self, robots: list[Any], config: HandNodeConfig) -> None:
-        keys = HandKeys(**{name: getattr(config, name) for name in HandKeys.model_fields})
-        self._hand = Hand(robots, config.model, keys)
-
     def take(self, config: HandNodeConfig) -> None:
-        self._build(self._robots, config)
+        self._hand = self._hand.retuned(_keys(config))
         self._config = config
 
     # Inputs ----------------------------------------------------------------------------------------
@@ -255,6 +255,10 @@ class HandNode(SoroNode[HandNodeConfig]):
         """Let go."""
         self._closes = self._closes_itself = False
         return "opens"
+
+
+def _keys(config: HandNodeConfig) -> HandKeys:
+    return HandKeys(**{name: getattr(config, name) for name in HandKeys.model_fields})
 
 
 def main() -> None:

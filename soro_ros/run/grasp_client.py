@@ -90,9 +90,8 @@ class Grasper(NodeClient):
             words = f"{report.name}: {report.message}"
             if words != self._said or time.monotonic() > self._said_s + _LINE_S:
                 self._said, self._said_s = words, time.monotonic()
-                self._say(
-                    f"{words}, {1e3 * values['force_n']:.1f} mN a finger at {1e-3 * values['pressure_pa']:.1f} kPa"
-                )
+                force, level = 1e3 * values["force_n"], 1e-3 * values["pressure_pa"]
+                self._say(f"{words}, {force:.1f} mN a finger at {level:.1f} kPa")
             yield report
         if vented := self._vented():
             yield DiagnosticStatus(name=VENTED, message=vented)

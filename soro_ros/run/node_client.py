@@ -1,4 +1,4 @@
-"""A program that asks a running node for something: its parameters, its services, and whether it is vented."""
+"""What a program asks a running node for: its parameters, its services, and whether it is vented."""
 
 from __future__ import annotations
 
@@ -101,4 +101,3 @@ class NodeClient:
             if is_of_arm and status.message.startswith("vented"):
                 return f"{name}: {status.message}"
         return ""
-

@@ -21,9 +21,9 @@ from soro_ros.host.services import create_triggers
 from soro_ros.process.lifecycle import SoroNode
 from soro_ros.process.node_process import run_node
 from soro_ros.topics.diagnostics import OK, WARN
-from soro_ros.topics.motion_job import LOST, VENTED
+from soro_ros.topics.motion_job import GRASP, LOST, VENTED
 
-GRASP, STATE = "hand/grasp", "hand/state"
+STATE = "hand/state"
 # Period of the law [s], below the time constant of its filter: the models of the fingers take milliseconds.
 _PERIOD_S = 0.02
 # Time between two reports of progress [s], and change of pressure that is asked for at once [Pa].

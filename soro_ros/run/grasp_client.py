@@ -10,9 +10,8 @@ from std_srvs.srv import Trigger
 
 from soro_ros.conversion import qos
 from soro_ros.host.services import ServiceCaller
-from soro_ros.nodes.hand import GRASP
 from soro_ros.run.node_client import POLL_S, NodeClient
-from soro_ros.topics.motion_job import LOST, REFUSED, VENTED
+from soro_ros.topics.motion_job import GRASP, LOST, REFUSED, VENTED
 
 # Time between two lines of progress [s].
 _LINE_S = 1.0

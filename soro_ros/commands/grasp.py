@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from enum import StrEnum
 from typing import Annotated
 
 import typer
@@ -11,22 +12,32 @@ from soro_core.files.units import unit_option
 from soro_ros.commands.services import one_node, service_caller
 
 
+class GraspAction(StrEnum):
+    """What a hand is asked for."""
+
+    HOLD = "hold"
+    KEEP = "keep"
+    OPEN = "open"
+
+
 def grasp(
+    action: Annotated[
+        GraspAction,
+        typer.Argument(
+            help="hold: for a time, then open. keep: end while it holds. open: only open the hand."
+        ),
+    ] = GraspAction.HOLD,
     duration_s: Annotated[
         float,
         unit_option("--duration", "s", 0.0, 3600.0, "5s", help="How long it holds before it opens."),
     ] = 5.0,
-    keep: Annotated[
-        bool, typer.Option("--keep", help="End while it holds; soro grasp --open lets go.")
-    ] = False,
-    is_opened: Annotated[bool, typer.Option("--open", help="Only open the hand.")] = False,
     force: Annotated[
         float | None,
         unit_option("--force", "N", 1e-6, 1e3, help="First squeeze of each finger, also later."),
     ] = None,
     crush: Annotated[
         float | None,
-        unit_option("--crush", "N", 1e-6, 1e3, help="Largest force of a finger, never passed, also later."),
+        unit_option("--crush", "N", 1e-6, 1e3, help="Largest force of a finger, by estimate, also later."),
     ] = None,
     node: Annotated[str, typer.Option(help="Hand, by its full name or its end; default: the only one.")] = "",
     timeout_s: Annotated[
@@ -44,15 +55,15 @@ def grasp(
     Exit status 0: the object was held for the duration. 1: a finger met nothing, the object was lost, or the
     hand was vented. 2: it was refused before anything moved. Ctrl-C opens and ends the command.
     """
-    if is_opened and (keep or force is not None or crush is not None):
-        raise ConfigError("soro grasp", "--open", "beside other options", "--open alone")
+    if action is GraspAction.OPEN and (force is not None or crush is not None):
+        raise ConfigError("soro grasp", "open", "a force", "open alone")
     with service_caller() as caller:
         from soro_ros.run.grasp_client import Grasper
 
         name = one_node(caller, "close", node, timeout_s, "hand/grasp")
         grasper = Grasper(caller, name, timeout_s, typer.echo)
-        if is_opened:
+        if action is GraspAction.OPEN:
             raise typer.Exit(grasper.open())
         with grasper.configured({"squeeze.force_n": force, "squeeze.crush_n": crush}):
-            status = grasper.grasp(None if keep else duration_s)
+            status = grasper.grasp(None if action is GraspAction.KEEP else duration_s)
     raise typer.Exit(status)

@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 
 from soro_ros.conversion import qos
 from soro_ros.host.services import ServiceCaller
-from soro_ros.run.node_client import POLL_S, NodeClient
+from soro_ros.run.motion_client import POLL_S, NodeClient
 from soro_ros.topics.motion_job import GRASP, LOST, REFUSED, VENTED
 
 # Time between two lines of progress [s].

@@ -85,7 +85,7 @@ def test_ctrl_c_opens(node):
     [
         (("--force", "10mm"), ("--force", "mN")),
         (("--crush", "-1N"), ("--crush",)),
-        (("--open", "--keep"), ("--open", "alone")),
+        (("open", "--force", "10mN"), ("open", "alone")),
         (("--duration", "long"), ("--duration",)),
     ],
 )
@@ -131,9 +131,9 @@ def test_nodes_of_a_hand_squeeze_hold_and_open(domain, tmp_path):
         assert held.returncode == 0, held.stdout + held.stderr
         assert [line.split(":")[0] for line in held.stdout.splitlines()][-1] == "open"
         assert "holding: holds" in held.stdout
-        kept = grasp("--keep", "--force", "40mN")
+        kept = grasp("keep", "--force", "40mN")
         assert kept.returncode == 0, kept.stdout + kept.stderr
-        opened = grasp("--open")
+        opened = grasp("open")
         assert opened.returncode == 0, opened.stdout + opened.stderr
     finally:
         end(running)

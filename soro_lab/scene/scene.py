@@ -390,7 +390,11 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
         """Parameters of the hand node, of a scene with a hand."""
         assert self.hand is not None
         names, robots = zip(*((arm.prefix.rstrip("/"), arm.robot) for arm in self.each), strict=True)
-        shared = {"mode": self.mode, "rate_hz": self.rate_hz, "model": self.each[0].discretisation}
+        shared: dict[str, Any] = {
+            "mode": self.mode,
+            "rate_hz": self.rate_hz,
+            "model": self.each[0].discretisation,
+        }
         return HandNodeConfig(**shared, fingers=names, robots=robots, **dict(self.hand))
 
     def controller_node(self) -> ControllerNodeConfig:

@@ -40,6 +40,7 @@ _GROUPS = {
     },
     "A running arm": {
         "press": "soro_ros.commands.move:press",
+        "grasp": "soro_ros.commands.grasp:grasp",
         "vent": "soro_ros.commands.services:vent",
         "reset": "soro_ros.commands.services:reset",
         "enable": "soro_ros.commands.services:enable",

@@ -6,6 +6,8 @@ from soro_core.extras import lazy
 
 if TYPE_CHECKING:
     from soro_core.grasping.finger import Finger as Finger
+    from soro_core.grasping.hand import Hand as Hand
+    from soro_core.grasping.settings import HandKeys as HandKeys
     from soro_core.grasping.settings import SqueezeSettings as SqueezeSettings
     from soro_core.grasping.simulate import SqueezeRun as SqueezeRun
     from soro_core.grasping.simulate import SqueezeTrial as SqueezeTrial
@@ -18,7 +20,8 @@ __all__, __getattr__ = lazy(
     __name__,
     {
         ".finger": "Finger",
-        ".settings": "SqueezeSettings",
+        ".hand": "Hand",
+        ".settings": "HandKeys SqueezeSettings",
         ".simulate": "SqueezeRun SqueezeTrial simulate_squeeze",
         ".squeeze": "Felt Squeeze SqueezeState",
     },

@@ -32,6 +32,8 @@ class FingerForce(NamedTuple):
         Standard deviation of `bend_n` by the noise of the pose [N].
     place_m : ndarray (3,)
         Where it touches, in the world [m].
+    doubt_n : float
+        How much larger `across_n` may be: by the noise, one deviation, and by a touch nearer to the base [N].
     """
 
     squeeze_n: float
@@ -40,6 +42,7 @@ class FingerForce(NamedTuple):
     bend_n: float
     noise_n: float
     place_m: Array
+    doubt_n: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -56,12 +59,15 @@ class Finger:
         Place along it at which it touches [m]; a finger feels moments alone, not where a force acts.
     noise : ndarray (n_q,)
         Standard deviation of its measured coordinates.
+    off_m : float
+        How far from its place of touch the object may touch [m].
     """
 
     arm: SoftArm
     closing: Array
     touch_m: float
     noise: Array
+    off_m: float = 5e-3
 
     def __post_init__(self) -> None:
         arm = self.arm
@@ -75,6 +81,10 @@ class Finger:
         if not 0.0 < self.touch_m <= arm.length:
             raise ConfigError(
                 arm.robot.name, "touch_m", self.touch_m, f"a place above 0 and up to {arm.length:g} m"
+            )
+        if not 0.0 <= self.off_m < self.touch_m:
+            raise ConfigError(
+                arm.robot.name, "off_m", self.off_m, f"0 or more, below touch_m: {self.touch_m:g}"
             )
 
     @cached_property
@@ -117,6 +127,7 @@ class Finger:
         noise = float(np.linalg.norm(by_bend @ stiffness * self.noise))
         axial = float(force @ along)
         across = float(np.linalg.norm(force - axial * along))
-        return FingerForce(
-            -float(force @ way), across, axial, -float(by_bend @ missing), noise, pose[:3, 3] + skin
-        )
+        # A deflection by bending tells a force times the square of its distance from the base.
+        doubt = across * ((self.touch_m / (self.touch_m - self.off_m)) ** 2 - 1.0) + noise
+        bend = -float(by_bend @ missing)
+        return FingerForce(-float(force @ way), across, axial, bend, noise, pose[:3, 3] + skin, doubt)

@@ -1,10 +1,10 @@
-"""How a hand squeezes."""
+"""How a hand squeezes, and what it is made of."""
 
 from __future__ import annotations
 
 from pydantic import Field, model_validator
 
-from soro_core.config import Strict
+from soro_core.config import Floats, Strict
 
 
 class SqueezeSettings(Strict):
@@ -31,6 +31,12 @@ class SqueezeSettings(Strict):
     filter_s: float = Field(
         0.1, gt=0, description="time constant of poses and pressures, and of a step to a force [s]"
     )
+    rise_pa_s: float = Field(
+        20e3,
+        gt=0,
+        description="largest rate at which pressures rise in a slip: fingers that get longer than the object "
+        "sinks push it, and press harder meanwhile [Pa/s]",
+    )
     slip_m: float = Field(1e-3, gt=0, description="tracked slip for which force rises by a factor e [m]")
     blind_s: float = Field(3.0, gt=0, description="the same for one that is not tracked: a time [s]")
     slip_s: float = Field(0.2, gt=0, description="shortest slip [s]")
@@ -54,3 +60,22 @@ class SqueezeSettings(Strict):
     def limit_n(self) -> float:
         """Estimated force at which the hand does not squeeze harder [N]."""
         return self.crush_part * self.crush_n
+
+
+class HandKeys(Strict):
+    """Keys of a hand; its fingers are the arms of the scene."""
+
+    closing: Floats = Field(
+        (1.0, 0.0, 0.0), description="pressures that close each finger, in parts of the largest one"
+    )
+    touch_m: float = Field(0.062, gt=0, description="place along a finger at which it touches [m]")
+    off_m: float = Field(5e-3, ge=0, description="how far from it the object may touch [m]")
+    pose_noise_m: float = Field(1e-4, ge=0, description="noise of the poses of fingers [m]")
+    by_pressure: bool = Field(False, description="squeeze by pressure: the fingers have no poses")
+    tracked: str = Field(
+        "", description="topic of the poses of the object, bodies/ball/pose; empty: nothing tracks it"
+    )
+    close_at_s: float = Field(
+        0.0, ge=0, le=86400, description="time at which the hand closes by itself; 0: soro grasp asks for it"
+    )
+    squeeze: SqueezeSettings = Field(SqueezeSettings(), description="forces, pressures and times")

@@ -23,6 +23,8 @@ from soro_core.grasping.settings import SqueezeSettings
 Phase: TypeAlias = Literal["open", "closing", "touching", "squeezing", "holding", "slipping", "opening"]
 # Part of the goal at which a squeeze holds, and mean times of the filter for which it looks away after that.
 _REACHED, _SETTLED = 0.97, 3.0
+# Time constants of the filter in which a finger comes to the crush limit.
+_APPROACH = 10.0
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class SqueezeState:
     felt_s : float
         Time since the start [s].
     most_n : float
-        Largest force across a finger [N].
+        Largest force that may be across a finger, with the doubt of its estimate [N].
     cause : str
         Why it opens; empty where it was asked to.
     """
@@ -188,7 +190,8 @@ class Squeeze:
             row = row if last is None else last + new * (row - last)
             smooth.append(row)
             feels = one.feel(row[: one.arm.n_q], row[one.arm.n_q :])
-            force[i], across[i], along[i] = feels.squeeze_n, feels.across_n, feels.along_n
+            force[i], along[i] = feels.squeeze_n, feels.along_n
+            across[i] = feels.across_n + feels.doubt_n
             # A low-pass of white noise leaves this part of its deviation.
             noise = feels.noise_n * np.sqrt(new / (2.0 - new))
             touches[i] |= feels.bend_n > max(s.touch_n, s.noise_sigmas * noise)
@@ -255,7 +258,7 @@ class Squeeze:
                 return _begin(state, "opening", cause="the object is gone")
         rises = 1.0 / s.blind_s if np.isnan(falls) else max(falls, 0.0) / s.slip_m
         state = replaced(state, goal_n=min(state.goal_n * np.exp(dt * rises), s.limit_n))
-        rate = max((state.goal_n - mean) * s.pa_per_n / s.filter_s, 0.0)
+        rate = np.clip((state.goal_n - mean) * s.pa_per_n / s.filter_s, 0.0, s.rise_pa_s)
         return self._limited(state, state.level_pa + dt * rate, dt)
 
     def _opening(self, state: SqueezeState, dt: float) -> SqueezeState:
@@ -277,6 +280,9 @@ class Squeeze:
     def _limited(self, state: SqueezeState, level: Array, dt: float) -> SqueezeState:
         """Return the state with these pressures; at the crush limit they only fall."""
         s = self.settings
+        # The force is known late: towards the limit it rises slowly.
+        room = (s.limit_n - state.most_n) * s.pa_per_n / (_APPROACH * s.filter_s)
+        level = np.minimum(level, state.level_pa + dt * max(room, 0.0))
         if state.most_n >= s.limit_n:
             level = state.level_pa - (dt * s.close_pa_s if state.most_n > s.limit_n else 0.0)
         return replaced(state, level_pa=np.clip(level, 0.0, s.most_pa))

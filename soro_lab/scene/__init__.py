@@ -13,6 +13,7 @@ from soro_lab.scene.model import Requirement as Requirement
 from soro_lab.scene.nodes import ControllerNodeConfig as ControllerNodeConfig
 from soro_lab.scene.nodes import EstimatorNodeConfig as EstimatorNodeConfig
 from soro_lab.scene.nodes import ExciterNodeConfig as ExciterNodeConfig
+from soro_lab.scene.nodes import HandNodeConfig as HandNodeConfig
 from soro_lab.scene.nodes import MarkersConfig as MarkersConfig
 from soro_lab.scene.nodes import RegulatorNodeConfig as RegulatorNodeConfig
 from soro_lab.scene.scene import Scene as Scene

@@ -48,6 +48,8 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
 def _of_one_arm(data: dict[str, Any], where: str) -> Scene:
     """Return the scene of an arm, with what follows from its robot and its platform."""
     scene = parse(data, Scene, where=where)
+    if scene.hand is not None:
+        raise ConfigError(where, "hand", "one arm", "a scene of several arms, its fingers")
     platform = scene.loaded_platform
     if scene.twin.regulator is not None:  # written, a part of its keys is all of them
         scene = scene.with_keys(twin=with_changes(scene.twin, regulator=scene.regulator))
@@ -70,7 +72,8 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
     if not isinstance(own, dict):
         raise ConfigError(where, "arms", own, "a mapping of names to what each arm has of its own")
     whole = parse(data, Scene, where=where)
-    data.pop("bodies", None)
+    for key in ("bodies", "hand"):
+        data.pop(key, None)
     arms: dict[str, Scene] = {}
     for number, (name, stated) in enumerate(own.items()):
         keys: dict[str, Any] = {} if stated is None else stated
@@ -95,7 +98,23 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
         limits = with_changes(shared[0], minimum_pa=low, maximum_pa=high)
         arms = {name: arm.with_keys(limits=limits) if arm.is_shared else arm for name, arm in arms.items()}
         whole = whole.with_keys(limits=limits)
-    return whole.with_keys(arms=arms)
+    whole = whole.with_keys(arms=arms)
+    if whole.hand is not None:
+        _check_hand(whole, where)
+    return whole
+
+
+def _check_hand(scene: Scene, where: str) -> None:
+    """Refuse a hand of arms that differ, or whose controllers add a feedback to its pressures."""
+    if len(scene.arms) < 2:
+        raise ConfigError(where, "arms", len(scene.arms), "two or more fingers of a hand")
+    for name, arm in scene.arms.items():
+        gains = arm.controller.gains
+        if arm.controller.adapt or any(one is None or any(one) for one in (gains.k_p, gains.k_d)):
+            allowed = "adapt: false and gains of 0 for the fingers of a hand, which it moves by pressure"
+            raise ConfigError(f"{where}: arms.{name}", "controller", "a feedback", allowed)
+        if arm.discretisation != scene.each[0].discretisation:
+            raise ConfigError(f"{where}: arms.{name}", "model", "another model", "the same for all fingers")
 
 
 def _merged(keys: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:

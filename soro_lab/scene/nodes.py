@@ -7,11 +7,13 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from soro_core.config import with_changes
+from soro_core.config import Strings, with_changes
 from soro_core.control.config import ControllerConfig, ReferenceConfig
 from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, contradictions
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.grasping.settings import HandKeys
 from soro_core.pneumatics.regulator import RegulatorModel
+from soro_core.robot import Discretisation
 from soro_core.run_keys import ArmNodeKeys, LimitKeys, NodeKeys, PlaceKeys, Priority, RobotKeys, StartKeys
 from soro_core.safety import Limits
 from soro_hardware import PlatformBase, load_platform
@@ -126,6 +128,23 @@ class ExciterNodeConfig(ArmNodeKeys, RegulatedKeys, SampleKeys):
     excite: ExciteConfig = Field(ExciteConfig(), description="the excitation")
 
 
+class HandNodeConfig(NodeKeys, HandKeys):
+    """Parameters of the hand node."""
+
+    priority: Priority = 20
+    fingers: Strings = Field(
+        ("thumb", "index", "middle"), description="namespaces of the fingers below that of the node"
+    )
+    robots: Strings = Field(
+        ("tue_three_bellow",),
+        description="their robot files, or names of shipped ones: one each, or one for all",
+    )
+    model: Discretisation = Field(Discretisation(), description="how a finger is computed")
+    state_age_s: float = Field(
+        0.5, gt=0, le=10, description="longest time without a finger in control, after which the hand lets go"
+    )
+
+
 class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
     """Parameters of the controller node."""
 
@@ -137,6 +156,9 @@ class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):
     # A controller that is started alone has no scene that states a motion, so it holds the arm.
     control: ControllerConfig = Field(
         ControllerConfig(reference=ReferenceConfig(kind="hold")), description="the law and its reference"
+    )
+    hand: bool = Field(
+        False, description="lockstep: a hand moves this arm, each tick waits for arm/reference/trajectory"
     )
     duration_s: float = Field(
         0.0, ge=0, le=86400, description="lockstep: time from which on zero is commanded; 0: never"

@@ -14,6 +14,7 @@ from soro_core.control.config import ControllerConfig
 from soro_core.control.laws.registry import find_law
 from soro_core.errors import ConfigError
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.grasping.settings import HandKeys
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Discretisation, Robot, load_robot
 from soro_core.robot.vectors import Quaternion, Vector3
@@ -29,6 +30,7 @@ from soro_lab.scene.nodes import (
     ControllerNodeConfig,
     EstimatorNodeConfig,
     ExciterNodeConfig,
+    HandNodeConfig,
     MarkersConfig,
     RegulatorNodeConfig,
 )
@@ -43,6 +45,7 @@ OF_RUN = (
     "name",
     "arms",
     "bodies",
+    "hand",
     "mode",
     "rate_hz",
     "duration_s",
@@ -71,6 +74,9 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     )
     bodies: Bodies = Field(
         {}, description="what the arms touch, by name: shape, mass, place, motion (docs/bodies.md)"
+    )
+    hand: HandKeys | None = Field(
+        None, description="the arms are fingers that squeeze what is between them (soro grasp)"
     )
     base_position: Vector3 | None = Field(
         None, description="of the base in the world [m]; default: that of the robot file"
@@ -379,6 +385,17 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             model=self.discretisation,
             excite=self.excite,
         )
+
+    def hand_node(self) -> HandNodeConfig:
+        """Parameters of the hand node, of a scene with a hand."""
+        assert self.hand is not None
+        names, robots = zip(*((arm.prefix.rstrip("/"), arm.robot) for arm in self.each), strict=True)
+        shared: dict[str, Any] = {
+            "mode": self.mode,
+            "rate_hz": self.rate_hz,
+            "model": self.each[0].discretisation,
+        }
+        return HandNodeConfig(**shared, fingers=names, robots=robots, **dict(self.hand))
 
     def controller_node(self) -> ControllerNodeConfig:
         """Parameters of the controller node, which waits for `~/enable` until every node is active."""

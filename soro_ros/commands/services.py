@@ -27,6 +27,7 @@ _START = {
     "reset": _RUNNING,
     "vent": _RUNNING,
     "enable": "start soro_controller in this domain, or set ROS_DOMAIN_ID to that of yours",
+    "close": "run a scene with a hand in this domain, soro run grasp_ball",
     "clear_faults": "a twin takes faults in soro run on emulated valves, or with its parameter fault_link",
 }
 # /diagnostics come once a second.

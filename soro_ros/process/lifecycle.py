@@ -54,6 +54,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
         declare(self, self.config_model, self._changed)
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         named = self.get_parameter_or(self.hardware).value
+        named = named if isinstance(named, str) or not named else named[0]
         self.diagnostics = Diagnostics(self, Path(named).name.removesuffix(".yaml") if named else "")
         self.clock_watch = ClockWatch(self)
         self.create_timer(1.0, self._each_second, clock=self.steady_clock)

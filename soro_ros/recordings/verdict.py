@@ -134,9 +134,11 @@ def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | N
         poor.append(
             f"the tip is {1e3 * asked:.1f} mm RMS ({asked / length:.1%}) off the configured circle in {last}"
         )
+    # Fingers that close by some of their chambers keep the others empty.
+    poor_part = AT_LIMIT_PART if limits.at_bound_part < 1.0 else 1.0
     for what, part, most, found in (
         ("", summary.saturated_part, limits.at_bound_part, lost),
-        (f" of {last}", summary.saturated_last_part, AT_LIMIT_PART, poor),
+        (f" of {last}", summary.saturated_last_part, poor_part, poor),
     ):
         if part > most:
             found.append(f"{part:.0%} of the set points{what} at a bound, more than {100 * most:g}%")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from soro_core.config import Strict
+from soro_core.config import Strict, with_changes
 from soro_lab.scene import Scene
 
 # Nodes that look on: the arm goes on without them.
@@ -38,11 +38,13 @@ class LoopNodes:
 
 
 def control_loop(scene: Scene) -> LoopNodes:
-    """Return estimator and controller of each arm of a scene."""
+    """Return estimator and controller of each arm of a scene, and what moves them as a hand."""
     nodes: dict[str, Strict] = {}
     for arm in scene.each:
         nodes[f"{arm.prefix}estimator"] = arm.estimator_node()
-        nodes[f"{arm.prefix}controller"] = arm.controller_node()
+        nodes[f"{arm.prefix}controller"] = with_changes(arm.controller_node(), hand=scene.hand is not None)
+    if scene.hand is not None:
+        nodes["hand"] = scene.hand_node()
     return LoopNodes(nodes, "controller")
 
 

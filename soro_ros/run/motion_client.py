@@ -26,20 +26,21 @@ from soro_ros.topics.motion_topic import TOPIC
 _DESIRED = "arm/desired/tip"
 # Time between two lines of progress [s].
 _LINE_S = 1.0
-_POLL_S = 0.02
+# Period of a wait [s].
+POLL_S = 0.02
 # Time that the last message of a program has to arrive [s].
 _ARRIVES_S = 0.5
 _UPRIGHT = np.array([0.0, 0, 0, 1])
 
 
-class Mover:
-    """Sends a path to a controller and follows its reports.
+class NodeClient:
+    """Asks one node.
 
     Parameters
     ----------
     caller : ServiceCaller
-    controller : str
-        Full name of the controller node.
+    node : str
+        Full name of the node.
     limit_s : float
         Longest wait for an answer or a report [s].
     say : callable
@@ -48,36 +49,19 @@ class Mover:
     Attributes
     ----------
     ended : str
-        How the last motion has ended, as the controller has said; empty if it has not.
+        How the last request has ended, as the node has said; empty if it has not.
     """
 
-    topic: ClassVar[str] = TOPIC
-    kind: ClassVar[type[Any]] = Path
-
-    def __init__(
-        self,
-        caller: ServiceCaller,
-        controller: str,
-        limit_s: float,
-        say: Callable[[str], None],
-    ) -> None:
-        self._caller, self._controller = caller, controller
+    def __init__(self, caller: ServiceCaller, node: str, limit_s: float, say: Callable[[str], None]) -> None:
+        self._caller, self._node = caller, node
         self._limit_s, self._say = limit_s, say
-        self._namespace = controller.rpartition("/")[0]
-        self._tip: np.ndarray | None = None
-        self._world = Frames().world
-        self._reports: list[DiagnosticStatus] = []
-        self._stamp_ns, self.ended = 0, ""
-        node, names = caller.node, self._namespace
-        self._sender = node.create_publisher(self.kind, f"{names}/{self.topic}", qos.RELIABLE)
-        node.create_subscription(DiagnosticStatus, f"{names}/{STATUS}", self._reports.append, qos.RELIABLE)
-        node.create_subscription(PoseStamped, f"{names}/{_DESIRED}", self._on_desired, qos.SENSOR)
+        self._namespace, self.ended = node.rpartition("/")[0], ""
 
     @contextlib.contextmanager
     def configured(
         self, given: Mapping[str, float | bool | None], once: Container[str] = ()
     ) -> Iterator[None]:
-        """Set parameters of the controller for a motion; those of a refused one are taken back.
+        """Set parameters for what is asked; those of a refused request are taken back.
 
         Parameters
         ----------
@@ -89,7 +73,7 @@ class Mover:
         Raises
         ------
         ConfigError
-            If the controller refuses one; it then takes none.
+            If the node refuses one; it then takes none.
         """
         wanted = {key: Parameter(key, value=value) for key, value in given.items() if value is not None}
         if not wanted:
@@ -113,10 +97,59 @@ class Mover:
         if not result.successful:
             keys = ", ".join(parameter.name for parameter in parameters)
             values = ", ".join(str(Parameter.from_parameter_msg(one).value) for one in parameters)
-            raise ConfigError(self._controller, keys, values, result.reason)
+            raise ConfigError(self._node, keys, values, result.reason)
 
     def _call(self, service: str, kind: Any, request: Any) -> Any:
-        return self._caller.call(self._controller, service, kind, request, self._limit_s)
+        return self._caller.call(self._node, service, kind, request, self._limit_s)
+
+    def _wait(self, ready: Callable[[], bool]) -> bool:
+        deadline = time.monotonic() + self._limit_s
+        while not ready() and time.monotonic() < deadline:
+            self._caller.spin(POLL_S)
+        return ready()
+
+    def _vented(self) -> str:
+        """Why the arm of the controller is vented; empty if it is not."""
+        for name, status in self._caller.status.items():
+            is_of_arm = name.rpartition("/")[0] == self._namespace
+            if is_of_arm and status.message.startswith("vented"):
+                return f"{name}: {status.message}"
+        return ""
+
+
+class Mover(NodeClient):
+    """Sends a path to a controller and follows its reports.
+
+    Parameters
+    ----------
+    caller : ServiceCaller
+    controller : str
+        Full name of the controller node.
+    limit_s : float
+        Longest wait for an answer or a report [s].
+    say : callable
+        Takes a line of progress.
+    """
+
+    topic: ClassVar[str] = TOPIC
+    kind: ClassVar[type[Any]] = Path
+
+    def __init__(
+        self,
+        caller: ServiceCaller,
+        controller: str,
+        limit_s: float,
+        say: Callable[[str], None],
+    ) -> None:
+        super().__init__(caller, controller, limit_s, say)
+        self._tip: np.ndarray | None = None
+        self._world = Frames().world
+        self._reports: list[DiagnosticStatus] = []
+        self._stamp_ns = 0
+        node, names = caller.node, self._namespace
+        self._sender = node.create_publisher(self.kind, f"{names}/{self.topic}", qos.RELIABLE)
+        node.create_subscription(DiagnosticStatus, f"{names}/{STATUS}", self._reports.append, qos.RELIABLE)
+        node.create_subscription(PoseStamped, f"{names}/{_DESIRED}", self._on_desired, qos.SENSOR)
 
     def start(self) -> np.ndarray:
         """Return where the tip is wanted now (3,) [m].
@@ -128,7 +161,7 @@ class Mover:
         """
         if not self._wait(lambda: self._tip is not None and self._is_joined()):
             found = "no reference on arm/desired/tip" if self._tip is None else f"no reader of {self.topic}"
-            raise ConfigError(self._controller, "controller", found, "a controller in control: soro enable")
+            raise ConfigError(self._node, "controller", found, "a controller in control: soro enable")
         return np.asarray(self._tip)
 
     def move(self, positions: np.ndarray) -> int:
@@ -141,7 +174,7 @@ class Mover:
         self._publish(message)
         heard, state, next_line = time.monotonic(), "", 0.0
         while time.monotonic() - heard < self._limit_s:
-            self._caller.spin(_POLL_S)
+            self._caller.spin(POLL_S)
             for report, values in self._heard():
                 heard = time.monotonic()
                 if report.name not in (PLANNING, MOVING):
@@ -179,20 +212,6 @@ class Mover:
             and self._caller.node.count_publishers(f"{self._namespace}/{STATUS}") > 0
         )
 
-    def _wait(self, ready: Callable[[], bool]) -> bool:
-        deadline = time.monotonic() + self._limit_s
-        while not ready() and time.monotonic() < deadline:
-            self._caller.spin(_POLL_S)
-        return ready()
-
-    def _vented(self) -> str:
-        """Why the arm of the controller is vented; empty if it is not."""
-        for name, status in self._caller.status.items():
-            is_of_arm = name.rpartition("/")[0] == self._namespace
-            if is_of_arm and status.message.startswith("vented"):
-                return f"{name}: {status.message}"
-        return ""
-
     def _on_desired(self, message: PoseStamped) -> None:
         # In the frame in which the controller states its own poses, whatever its name.
         self._tip, self._world = messages.pose_arrays(message.pose)[0], message.header.frame_id
@@ -228,13 +247,13 @@ class Presser(Mover):
         self._publish(self._wrench(np.zeros(3)))
         until = time.monotonic() + _ARRIVES_S
         while time.monotonic() < until and not any(True for _ in self._heard()):
-            self._caller.spin(_POLL_S)
+            self._caller.spin(POLL_S)
 
     def _hold(self, hold_s: float) -> int:
         """Watch a force that is reached; return the exit status."""
         until = time.monotonic() + hold_s
         while time.monotonic() < until:
-            self._caller.spin(_POLL_S)
+            self._caller.spin(POLL_S)
             for report, values in self._heard():
                 if report.name not in (MOVING, REACHED):
                     self.ended = report.name

@@ -22,7 +22,7 @@ START_LIMIT_S = 180.0
 _END_LIMITS_S = {"regulator": 10.0, "recorder": 10.0}
 _END_LIMIT_S = 5.0
 # Order of the end: first the node that drives the valves, last the recorder and the valves themselves.
-_LOOP, _BESIDE = ("regulator", "exciter", "controller", "estimator"), ("shadow", "twin", "markers")
+_LOOP, _BESIDE = ("regulator", "exciter", "hand", "controller", "estimator"), ("shadow", "twin", "markers")
 END_ORDER = (*_LOOP, *_BESIDE, "recorder", "valves")
 
 

@@ -98,7 +98,7 @@ class ControllerTicks:
         self._zero_ns = 0
         self.forget()
         self._inputs = TickInputs(
-            self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s
+            self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s, config.hand
         )
         self._frames = config.frames.within(source.rpartition("/")[0])
         self.motions = MotionTopic(
@@ -116,7 +116,10 @@ class ControllerTicks:
             "chambers/state": Input(JointState, self._on_reading, qos.sensor),
             "arm/covariance": Input(JointState, self._on_covariance, qos.loop),
             "arm/state": Input(JointState, self._on_state, qos.loop),
-            _TRAJECTORY: Input(JointTrajectory, self._on_trajectory, qos.reference),
+            # Those of a hand may not be lost in lockstep.
+            _TRAJECTORY: Input(
+                JointTrajectory, self._on_trajectory, qos.loop if config.hand else qos.reference
+            ),
             _TIP: Input(PoseStamped, self._on_tip, qos.reference),
             WRENCH: Input(WrenchStamped, self._on_wrench, qos.reference),
             **self.motions.inputs,
@@ -207,8 +210,11 @@ class ControllerTicks:
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        make = partial(references.trajectory, self.controller, self.state, message)
-        self._follow(_TRAJECTORY, message.header, make)
+        if message.points or not self._config.hand:
+            make = partial(references.trajectory, self.controller, self.state, message)
+            self._follow(_TRAJECTORY, message.header, make)
+        self._inputs.add_asked(messages.to_ns(message.header.stamp))
+        self._process()
 
     def _on_tip(self, message: PoseStamped) -> None:
         self._follow(

@@ -15,7 +15,7 @@ from soro_core.control.force.press import Press
 from soro_core.control.motion_config import MotionConfig
 from soro_ros.topics.diagnostics import ERROR, OK, WARN
 
-STATUS, WRENCH = "arm/motion", "arm/reference/wrench"
+STATUS, WRENCH, GRASP = "arm/motion", "arm/reference/wrench", "hand/grasp"
 # States of a motion; the last ones are its end.
 PLANNING, MOVING = "planning", "moving"
 REACHED, REFUSED, LOST, REPLACED, VENTED = "reached", "refused", "lost", "replaced", "vented"

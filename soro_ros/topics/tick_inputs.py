@@ -47,11 +47,21 @@ class TickInputs:
         Whether a tick in lockstep waits for its covariance.
     covariance_age_s : float
         Age [s] above which a covariance in real time is none.
+    with_hand : bool
+        Whether a tick in lockstep waits until a hand has said what it asks for then.
     """
 
-    def __init__(self, lockstep: bool, n_u: int, with_covariance: bool, covariance_age_s: float) -> None:
+    def __init__(
+        self,
+        lockstep: bool,
+        n_u: int,
+        with_covariance: bool,
+        covariance_age_s: float,
+        with_hand: bool = False,
+    ) -> None:
         self._lockstep, self._n_u = lockstep, n_u
         self._with_covariance, self._covariance_age_s = with_covariance, covariance_age_s
+        self._asked_ns = -1 if lockstep and with_hand else None
         self._readings: deque[tuple[int, Array]] = deque(maxlen=50)
         self._states: deque[JointState] = deque(maxlen=1000)
         self._certainties: deque[tuple[int, Certainty | None]] = deque(maxlen=50)
@@ -68,6 +78,11 @@ class TickInputs:
         """Add what the filter says of its estimate of a time [ns]; None: it has none."""
         self._certainties.append((stamp_ns, certainty))
 
+    def add_asked(self, stamp_ns: int) -> None:
+        """Note the time [ns] of what a hand asks for."""
+        if self._asked_ns is not None:
+            self._asked_ns = max(self._asked_ns, stamp_ns)
+
     @property
     def has_reading(self) -> bool:
         """Whether a reading of the pressures has ever come."""
@@ -82,6 +97,8 @@ class TickInputs:
         if not self._states:
             return None
         stamp_ns = messages.to_ns(self._states[0].header.stamp)
+        if self._asked_ns is not None and self._asked_ns < stamp_ns:
+            return None
         reading, found = self._reading_at(stamp_ns), self._certainty_at(stamp_ns)
         if reading is None or (found is None and self._lockstep and self._with_covariance):
             return None

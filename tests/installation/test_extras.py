@@ -16,7 +16,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 BOARD = tomllib.loads((ROOT / "board/pyproject.toml").read_text())["project"]
 NODES = (
     *("regulator", "estimator", "controller", "exciter", "twin", "shadow", "recorder", "player"),
-    *("markers", "viewer"),
+    *("hand", "markers", "viewer"),
 )
 
 # Commands that need no extra.

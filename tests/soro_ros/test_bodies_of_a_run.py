@@ -19,6 +19,9 @@ from tests.soro_ros.running import run, summary
 FINGERS = ("thumb", "index", "middle")
 SCENE, BODIES = "grasp_ball", "/grasp_ball/bodies"
 END_S, TICK_S = 6.0, 0.01
+# Without the law of a hand: the fingers close towards shapes that they would have inside the ball.
+CLOSE = "{kind: set_point, set_point: [0.0666, -11.2, -0.557], start_s: 2.0}"
+SINK = "{at_s: [3.0, 5.0], displacement_m: [[0.0, 0.0, 0.0], [0.0, 0.0, -0.040]]}"
 
 
 @dataclass
@@ -40,6 +43,9 @@ def grasp(tmp_path, *changes):
         f"rate_hz={1 / TICK_S:g}",
         f"duration_s={END_S:g}",
         f"platform={platform}",
+        "hand=null",
+        f"controller.reference={CLOSE}",
+        f"bodies.table.motion={SINK}",
         *changes,
         scene=SCENE,
     )

@@ -187,6 +187,25 @@ def test_the_force_rises_by_a_factor_e_for_a_length_of_slip(speed):
     assert rises[False] == pytest.approx(1.0 / 4.0)
 
 
+def test_in_a_slip_the_pressures_rise_slowly_and_near_the_crush_limit_more_so():
+    level = 20e3
+    finger = hand(noise=np.zeros(3)).fingers[0]
+    pressure, shape = level * CLOSING, 0.5 * equilibrium(finger.arm, level * CLOSING)
+    felt = finger.feel(shape, pressure)
+    most = felt.across_n + felt.doubt_n
+    assert felt.doubt_n > 0.1 * felt.across_n
+    rates = {}
+    for room in (1.0, 0.01, -0.01):
+        law = hand(noise=np.zeros(3), force_n=0.01, crush_n=most + room, crush_part=1.0)
+        state = replaced(law.initial_state(), phase="slipping", level_pa=np.full(3, level), goal_n=5.0)
+        after = law.step(state, Felt([pressure] * 3, [shape] * 3, 0.0), True, 0.01)
+        assert after.most_n == pytest.approx(most)
+        rates[room] = (after.level_pa.max() - level) / 0.01
+    assert rates[1.0] == pytest.approx(law.settings.rise_pa_s)
+    assert rates[0.01] == pytest.approx(0.01 * law.settings.pa_per_n / (10.0 * law.settings.filter_s))
+    assert rates[-0.01] == pytest.approx(-law.settings.close_pa_s)
+
+
 @pytest.mark.parametrize(
     ("keys", "said"),
     [

@@ -99,10 +99,8 @@ def averaged(
     spread_along = before.along + way_along * way_along * noise_along
     if size > _NEW * (spread_across + noise_across):
         spread_across, spread_along = spread_across + size, spread_along + size * along_part**2
-    gain, gain_along = (
-        spread_across / (spread_across + noise_across),
-        spread_along / (spread_along + noise_along),
-    )
+    gain = spread_across / (spread_across + noise_across)
+    gain_along = spread_along / (spread_along + noise_along)
     force_n = before.force_n + gain * across + gain_along * along
     return Average(force_n, (1.0 - gain_along) * spread_along, (1.0 - gain) * spread_across)
 

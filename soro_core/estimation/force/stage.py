@@ -157,7 +157,7 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     is_load = _rest(*told, gravity, load_kg) < _A_LOAD
     load_s = state.load_s + dt if is_load else 0.0
     likelier_s = state.likelier_s + dt if is_load and _likelier(*told, gravity) > _LIKELIER else 0.0
-    stage = state.stage
+    stage: Stage = state.stage
     if gone_s > _GONE_S:
         stage, left_s = "free", _LEFT_S
     elif stage == "outside force" and (likelier_s > _LOAD_S or state.outside_s > _LEARNED_S):

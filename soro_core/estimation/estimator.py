@@ -176,16 +176,13 @@ class Estimator:
 
         It is not where it is switched off, for an arm of varying strain, or without positions of late.
         """
-        return state.force.external if self._placed(state) else None
-
-    def _placed(self, state: EstimatorState | TickState) -> bool:
-        """Whether poses were fused lately."""
-        return state.t_s - state.position_s <= self.config.lost_after_s
+        late = state.t_s - state.position_s > self.config.lost_after_s
+        return None if late else state.force.external
 
     def _observed(self, tick: TickState) -> ForceState:
         """Return what is known of the external force after a tick."""
         assert self._force is not None
-        if not self._placed(tick):
+        if tick.t_s - tick.position_s > self.config.lost_after_s:
             return tick.force.begun_anew(tick.t_s + self.config.force.period_s)
         last = tick.force.last
         after_s = -math.inf if last is None else last.stamp_s
@@ -218,7 +215,8 @@ class Estimator:
         return unmeasured_covariance(self.filter, state.belief.q, places, self._units)
 
     def _estimate(self, state: EstimatorState, failure: str = "") -> Estimate:
-        (mean, _, covariance, n), placed = state.belief, self._placed(state)
+        mean, _, covariance, n = state.belief
+        placed = state.t_s - state.position_s <= self.config.lost_after_s
         pose, spread, force = self.filter.tip(state.belief, state.pressure_pa)
         age = state.t_s - state.last_s
         if not failure and age > self.config.lost_after_s:

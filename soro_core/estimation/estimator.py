@@ -164,7 +164,8 @@ class Estimator:
         fresh = admit(tick, [*state.waiting, *poses, *imus], self.config, self.length, self._tracker)
         replay(self.filter, tick, fresh)
         pushed = tick.force.external is not None and tick.force.external.stage != "free"
-        tick.monitors = watched(tick.monitors, tick.innovations, self.config.watch, pushed)
+        if tick.innovations:
+            tick.monitors = watched(tick.monitors, tick.innovations, self.config.watch, pushed)
         if self._force is not None and tick.t_s >= tick.force.due_s - SAME_S:
             tick.force = self._observed(tick)
         state = tick.result()
@@ -207,36 +208,34 @@ class Estimator:
 
     def _unseen(self, state: EstimatorState) -> Array:
         """Return the covariance of what the positions of late leave open."""
-        t_s, late_s = state.t_s, self.config.lost_after_s
-        places = [
-            one.s
-            for one, _ in state.sensors.values()
-            if t_s - one.stamp_s <= late_s and isinstance(one, PoseSample)
-        ]
+        places, t_s, late_s = [], state.t_s, self.config.lost_after_s
+        for one, _ in state.sensors.values():
+            if t_s - one.stamp_s <= late_s and isinstance(one, PoseSample):
+                places.append(one.s)
         return unmeasured_covariance(self.filter, state.belief.q, places, self._units)
 
     def _estimate(self, state: EstimatorState, failure: str = "") -> Estimate:
-        belief, n = state.belief, self.arm.n_q
-        pose, spread, force = self.filter.tip(belief, state.pressure_pa)
+        mean, _, covariance, n = state.belief
+        placed = state.t_s - state.position_s <= self.config.lost_after_s
+        pose, spread, force = self.filter.tip(state.belief, state.pressure_pa)
         age = state.t_s - state.last_s
         if not failure and age > self.config.lost_after_s:
             failure = (
                 f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
             )
         said = note_of(state.monitors, state.t_s, self.config.lost_after_s, self.config.watch)
-        note = "; ".join(filter(None, (state.known.note, said)))
-        mean = belief.mean
+        note = "; ".join((state.known.note, said)) if said and state.known.note else said or state.known.note
         return Estimate(
             state.t_s,
             mean[:n],
             mean[n : 2 * n],
-            belief.covariance[: 2 * n, : 2 * n],
+            covariance[: 2 * n, : 2 * n],
             pose,
             spread,
             force,
             mean[2 * n : 3 * n] if self.filter.n_d else np.zeros(n),
-            state.t_s - state.position_s <= self.config.lost_after_s,
+            placed,
             self._unseen(state),
             EstimatorStatus(not failure, failure, state.counts, age, note),
-            None if failure else self.external_force(state),
+            state.force.external if placed and not failure else None,
         )

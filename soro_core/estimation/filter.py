@@ -141,7 +141,7 @@ class Filter:
         if dt <= 0.0:
             return belief, True
         mean, internal, covariance, n = belief
-        new = np.empty_like(mean), np.empty_like(internal), np.empty_like(covariance), n
+        new = mean.copy(), internal.copy(), covariance.copy(), n
         code = entries.predict(self.box, self._load(known), belief[:], pressure_pa, dt, new)
         return Belief(*new), code == GOOD
 
@@ -174,19 +174,19 @@ class Filter:
         is_new : bool
             False for a sample that has passed gate and checks before.
         """
-        if not isinstance(sample, PoseSample):
+        is_pose = isinstance(sample, PoseSample)
+        if not is_pose:
             self._expect(belief, pressure_pa, sample.s, known.share)
-        record = self._unknown.copy() if record is None else record.copy()
+        record = (self._unknown if record is None else record).copy()
         values = (self.site(sample.s)[:], *_values(sample), sample.stamp_s, is_new, record)
         mean, internal, covariance, n = belief
-        new = np.empty_like(mean), np.empty_like(internal), np.empty_like(covariance), n
+        new = mean.copy(), internal.copy(), covariance.copy(), n
         code, outcome, nis, position_nis = entries.advance(
             self.box, self._load(known), belief[:], (pressure_pa, dt), values, new
         )
-        if not isinstance(sample, PoseSample) and record[NOISE] < 1.0:
-            record[NOISE] = (
-                1.0  # the stated one allows for what the predicted angular velocity leaves out, too
-            )
+        if not is_pose and record[NOISE] < 1.0:
+            # The stated one allows for what the predicted angular velocity leaves out, too.
+            record[NOISE] = 1.0
         return Advanced(Belief(*new), code == GOOD, outcome, record, nis, position_nis)
 
     def _load(self, known: LearnedInput) -> entries.Known:

@@ -44,16 +44,14 @@ def _seen(history: Sequence[Segment], last: Belief, pose: PoseSample, i: int) ->
     share = (pose.stamp_s - part.start_s) / (part.end_s - part.start_s)
     start = part.belief
 
-    def between(a: Array, b: Array) -> Array:
-        return np.asarray(a + share * (b - a))
-
+    n, mean = start.n, start.mean + share * (ahead.mean - start.mean)
     return Seen(
         pose.stamp_s,
         np.array(pose.position, dtype=np.float64),
         _pressure(history, i, share),
-        between(start.q, ahead.q),
-        between(start.qd, ahead.qd),
-        between(start.internal, ahead.internal),
+        mean[:n],
+        mean[n : 2 * n],
+        start.internal + share * (ahead.internal - start.internal),
     )
 
 

@@ -11,6 +11,7 @@ from operator import attrgetter
 
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.kernel.advance import FOUND, FROZEN, MISSED, SAME_S
+from soro_core.estimation.kernel.belief import Belief
 from soro_core.estimation.kernel.noise import N_NOISE, NOISE
 from soro_core.estimation.kernel.update import FAILED, FUSED, OUTLIER
 from soro_core.estimation.sensors.monitor import Innovation
@@ -46,8 +47,9 @@ def replay(filter_: Filter, tick: TickState, fresh: list[Sample]) -> None:
         return
     first, new = _places(history, fresh)
     tick.belief = history[first].belief
+    ahead = _predicted(tick, first)
     for i in range(first, len(history)):
-        history[i] = _segment(filter_, tick, history[i], new.get(i, ()))
+        history[i] = _segment(filter_, tick, history[i], new.get(i, ()), ahead if i == first else None)
 
 
 def _places(history: list[Segment], fresh: list[Sample]) -> tuple[int, dict[int, list[Sample]]]:
@@ -66,7 +68,18 @@ def _places(history: list[Segment], fresh: list[Sample]) -> tuple[int, dict[int,
     return first, new
 
 
-def _segment(filter_: Filter, tick: TickState, part: Segment, arrivals: Sequence[Sample]) -> Segment:
+def _predicted(tick: TickState, i: int) -> Belief | None:
+    """Return the belief at the end of a segment where it is known, and no sample has changed it since."""
+    history, start_s = tick.history, tick.history[i].start_s
+    if i + 1 == len(history) or any(one.stamp_s > start_s for one, _ in tick.sensors.values()):
+        return None
+    ahead = history[i + 1].belief
+    return None if ahead is history[i].belief else ahead
+
+
+def _segment(
+    filter_: Filter, tick: TickState, part: Segment, arrivals: Sequence[Sample], ahead: Belief | None = None
+) -> Segment:
     """Predict one segment with its samples and return it.
 
     Parameters
@@ -77,10 +90,14 @@ def _segment(filter_: Filter, tick: TickState, part: Segment, arrivals: Sequence
     part : Segment
     arrivals : sequence of Sample
         New samples in it.
+    ahead : Belief or None
+        At its end without them, where it is known.
     """
     start_s, end_s, pressure_pa, _, old, known = part
     initial, t, kept = tick.belief, start_s, []
     samples = sorted((*old, *arrivals), key=_STAMP) if old else arrivals  # which come in this order
+    if ahead is not None and samples and samples[0].stamp_s == end_s and isinstance(samples[0], PoseSample):
+        tick.belief, t = ahead, end_s
     for sample in samples:
         is_new = not old or any(sample is one for one in arrivals)
         if _take(filter_, tick, part, sample.stamp_s - t, sample, is_new):
@@ -129,8 +146,6 @@ def _take(filter_: Filter, tick: TickState, part: Segment, dt: float, sample: Sa
     tick.count(*_COUNTED[outcome])
     tick.sensors[name] = Sensor(sample, found.record)
     if outcome != FROZEN:
-        noise, of_orientation = found.record[NOISE : NOISE + N_NOISE].tolist()
-        tick.innovations.append(
-            Innovation(name, sample.stamp_s, found.nis, found.position_nis, noise, of_orientation)
-        )
+        noise = found.record[NOISE : NOISE + N_NOISE].tolist()
+        tick.innovations.append(Innovation(name, sample.stamp_s, found.nis, found.position_nis, *noise))
     return used

@@ -89,8 +89,10 @@ def sample(
             )
         else:
             state = replaced(state, pending=(*state.pending, (tick + clock.delay, taken)), last=taken)
-    due = tuple(item for when, item in state.pending if when <= tick)
-    return replaced(state, pending=tuple(entry for entry in state.pending if entry[0] > tick)), due
+    due = tuple([item for when, item in state.pending if when <= tick])
+    if due:
+        state = replaced(state, pending=tuple([entry for entry in state.pending if entry[0] > tick]))
+    return state, due
 
 
 def measure_pose(

@@ -22,6 +22,7 @@ _INERTIA_ALONG = 3.0
 # Parts of a new force along the weak direction that are expected, of that across it: of a push, and of what
 # may be a load.
 ALONG, ALONG_LOAD = 0.5, 5.0
+_ONE = np.eye(3)
 
 
 class Axes(NamedTuple):
@@ -84,23 +85,27 @@ def averaged(
     along_part : float
         Part of a new force along the weak direction that is expected, of that across it.
     """
-    noise = seen.density.variances[1:] + seen.inertia * np.array([1.0, _INERTIA_ALONG**2])
-    noise, weak = noise / max(dt, 1e-3), seen.density.weak
+    _, noise_across, noise_along = seen.density.variances.tolist()
+    noise_across = (noise_across + seen.inertia) / max(dt, 1e-3)
+    noise_along = (noise_along + seen.inertia * _INERTIA_ALONG**2) / max(dt, 1e-3)
     if before is None or dt <= 0.0:
-        return Average(seen.force_n, *noise[::-1])
-    off = seen.force_n - before.force_n
+        return Average(seen.force_n, noise_along, noise_across)
+    weak, off = seen.density.weak, seen.force_n - before.force_n
     along = float(weak @ off) * weak
     across = off - along
     size = float(across @ across)
-    spread = np.array([before.across, before.along]) + np.square(dt * np.array([rate, _ALONG_PER_S])) * noise
-    if size > _NEW * float(spread[0] + noise[0]):
-        spread = spread + size * np.array([1.0, along_part**2])
-    gain = spread / (spread + noise)
-    left = (1.0 - gain) * spread
-    return Average(before.force_n + gain[0] * across + gain[1] * along, float(left[1]), float(left[0]))
+    way, way_along = dt * rate, dt * _ALONG_PER_S
+    spread_across = before.across + way * way * noise_across
+    spread_along = before.along + way_along * way_along * noise_along
+    if size > _NEW * (spread_across + noise_across):
+        spread_across, spread_along = spread_across + size, spread_along + size * along_part**2
+    gain = spread_across / (spread_across + noise_across)
+    gain_along = spread_along / (spread_along + noise_along)
+    force_n = before.force_n + gain * across + gain_along * along
+    return Average(force_n, (1.0 - gain_along) * spread_along, (1.0 - gain) * spread_across)
 
 
 def covariance_of(average: Average, weak: Array) -> Array:
     """Return the covariance (3, 3) [N^2] of an average by noise with a weak direction (3,)."""
-    square = np.outer(weak, weak)
-    return np.asarray(average.across * (np.eye(3) - square) + average.along * square)
+    square = weak[:, None] * weak
+    return np.asarray(average.across * (_ONE - square) + average.along * square)

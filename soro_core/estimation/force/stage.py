@@ -126,37 +126,39 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     """
     fast, slow, of_any, gravity, load_kg, inertia_kg, acceleration, moves = seen
     # What the model misses while it learns comes and goes with the motion; a force from outside is new.
-    size = _size(*fast)
-    usual = state.usual
-    fast_size = _size(fast[0], _beside_weakest(fast[0], state.doubt * fast[1]))
+    size, usual, left_s = _size(*fast), state.usual, max(state.left_s - dt, 0.0)
+    # With more doubt along one direction it is less.
+    is_force = size > state.doubt * _FORCE
+    is_force = is_force and _size(fast[0], _beside_weakest(fast[0], state.doubt * fast[1])) > _FORCE
+    force_s = state.force_s + dt if is_force else 0.0
     # A load that swings pulls aside by as much of its weight as its acceleration is of gravity.
     weight = max(float(np.linalg.norm(gravity)), 1e-9)
     swing = max(math.exp(-dt / _SWING_S) * state.swing, acceleration / weight)
-    aside = swing**2 * float(of_any[0] @ of_any[0]) * np.eye(3)
-    told = of_any[0], state.doubt * of_any[1]
-    rest = _rest(told[0], told[1] + aside, gravity, load_kg)
-    force_s = state.force_s + dt if fast_size > _FORCE else 0.0
-    largest_n = still_n = 0.0
-    if state.stage != "free":
-        strength = _across(*slow)
-        largest_n = max(state.largest_n, strength)
-        # The error of the force of inertia hides a small rest of a force, not the force.
-        still_n = inertia_kg * weight * swing if strength < _LEFT * largest_n else 0.0
+    if state.stage == "free":
+        if force_s > _FORCE_S + 0.5 * dt:
+            return StageState("outside force", force_s, outside_s=dt * moves, swing=swing, usual=usual)
+        usual = usual if is_force else _more_usual(usual, size, dt)
+        return StageState(force_s=force_s, left_s=left_s, swing=swing, usual=usual)
+    strength = _across(*slow)
+    largest_n = max(state.largest_n, strength)
+    # The error of the force of inertia hides a small rest of a force, not the force.
+    still_n = inertia_kg * weight * swing if strength < _LEFT * largest_n else 0.0
 
     def left(force: Array, covariance: Array) -> float:
         return _size(force, _beside_weakest(force, state.doubt * covariance + still_n**2 * np.eye(3)))
 
-    is_gone = (left(*fast) if still_n else fast_size) < _FORCE and left(*slow) < _NO_FORCE
+    is_gone = (left(*fast) < _FORCE if still_n else not is_force) and left(*slow) < _NO_FORCE
     gone_s = state.gone_s + dt if is_gone else 0.0
+    aside = swing**2 * float(of_any[0] @ of_any[0]) * np.eye(3)
+    told = of_any[0], state.doubt * of_any[1]
+    rest = _rest(told[0], told[1] + aside, gravity, load_kg)
     no_load_s = state.no_load_s + dt if rest > _NO_LOAD else 0.0
     # Without the doubt by the swing, in which everything is a load.
     is_load = _rest(*told, gravity, load_kg) < _A_LOAD
     load_s = state.load_s + dt if is_load else 0.0
     likelier_s = state.likelier_s + dt if is_load and _likelier(*told, gravity) > _LIKELIER else 0.0
-    stage, left_s = state.stage, max(state.left_s - dt, 0.0)
-    if stage == "free" and force_s > _FORCE_S + 0.5 * dt:
-        stage, no_load_s, load_s, likelier_s, left_s = "outside force", 0.0, 0.0, 0.0, 0.0
-    elif stage != "free" and gone_s > _GONE_S:
+    stage: Stage = state.stage
+    if gone_s > _GONE_S:
         stage, left_s = "free", _LEFT_S
     elif stage == "outside force" and (likelier_s > _LOAD_S or state.outside_s > _LEARNED_S):
         # A load is learned with all else, and is usual at once: it is not to come again as a force.
@@ -166,10 +168,15 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     elif stage == "contact" and load_s > _A_LOAD_S:
         stage = "outside force"
     outside_s = state.outside_s + dt * moves if stage == "outside force" else 0.0
-    if stage == "free" and fast_size <= _FORCE:
-        usual += (1.0 - math.exp(-dt / _USUAL_S)) * (size - usual)
+    if stage == "free" and not is_force:
+        usual = _more_usual(usual, size, dt)
     times = force_s, gone_s, no_load_s, load_s, likelier_s, outside_s, left_s
     return StageState(stage, *times, largest_n, swing, usual)
+
+
+def _more_usual(usual: float, size: float, dt: float) -> float:
+    """Return the mean square of a force without one from outside after a time dt [s] of this size."""
+    return usual + (1.0 - math.exp(-dt / _USUAL_S)) * (size - usual)
 
 
 def _size(force: Array, covariance: Array) -> float:

@@ -8,6 +8,7 @@ import pytest
 
 from soro_core import SoftArm, load_robot
 from soro_core.estimation import Estimator, EstimatorConfig, ImuSample, PoseSample
+from soro_core.estimation import replay as replaying
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.kernel.advance import ESTIMATE, FOUND, FROZEN, MOVED, POSITION, REFUSED
 from soro_core.estimation.kernel.update import FUSED, OUTLIER
@@ -126,3 +127,34 @@ def test_a_tick_leaves_the_state_before_it_as_it_was():
         assert again.counts == state.counts
         assert estimated.covariance.tobytes() == estimate.covariance.tobytes()
     assert min(state.counts.accepted, state.counts.outliers, state.counts.stale) > 0
+
+
+def late_poses(predicted_again, monkeypatch, ticks=40):
+    """Beliefs with poses a tick late, and outliers of another place; and the time predicted to each pose."""
+    if predicted_again:
+        monkeypatch.setattr(replaying, "_predicted", lambda tick, i: None)
+    estimator = Estimator(ROBOT, EstimatorConfig(), DT)
+    advance, state, times, found = estimator.filter.advance, estimator.initial_state(), [], []
+
+    def advanced(belief, pressure_pa, dt, known, sample, *others):
+        if sample.s == LENGTH:
+            times.append(dt)
+        return advance(belief, pressure_pa, dt, known, sample, *others)
+
+    estimator.filter.advance = advanced
+    for k in range(1, ticks + 1):
+        late = pose(estimator.filter, state.t_s, 1e-5 * k)
+        wrong = replace(pose(estimator.filter, state.t_s + DT, 0.03), s=0.5 * LENGTH)
+        state, _ = estimator.step(state, P, [late] + [wrong] * (k > 10 and k % 4 == 0), [], DT)
+        found.append(bits(state.belief))
+    assert state.counts.outliers > 3
+    return found, np.array(times)
+
+
+def test_a_late_pose_at_the_end_of_a_step_uses_the_prediction_to_there(monkeypatch):
+    found, times = late_poses(False, monkeypatch)
+    again, longer = late_poses(True, monkeypatch)
+    assert found == again
+    # What a refused sample has changed is no prediction.
+    assert 0.7 < np.mean(times == 0.0) < 0.9
+    assert np.mean(longer == 0.0) < 0.1

@@ -144,7 +144,7 @@ class ForceLoop:
             return f"no estimate of the force: {what}"
         if state.phase != "stopped":
             return state.refusal
-        where = "where the tip follows" if state.is_beyond else f"within {state.approach_s:.1f} s"
+        where = state.beyond or f"within {state.approach_s:.1f} s"
         return f"no contact {where}: the tip is stopped"
 
     def told(self, state: ForceLoopState) -> ExternalForce | None:
@@ -161,7 +161,9 @@ class ForceLoop:
         return np.asarray(slope.T @ state.push_n)
 
     def relieved(self, state: ForceLoopState, missing_pa: Array, dt: float) -> ForceLoopState:
-        """Return the state with the tip moved; parameters as in `PushedTip.relieved`."""
+        """Return the state after the pressures are known; parameters as in `PushedTip.relieved`."""
+        if state.phase == "approach":
+            return replaced(state, missing_pa=missing_pa if missing_pa.any() else None)
         if state.phase != "contact" or not missing_pa.any():
             return state
         return self._push.relieved(state, missing_pa, dt)

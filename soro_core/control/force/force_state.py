@@ -45,9 +45,12 @@ class ForceLoopState:
         Time of the approach [s].
     gap_s : float
         Time without an estimate of the force that is bridged [s].
-    is_beyond, is_unfelt : bool
-        Whether a press has stopped because the tip could not follow; whether a press or a cap is without an
-        estimate of the force.
+    missing_pa : ndarray (n_u,) or None
+        Pressure beyond its bound that an approach needs of each chamber, negative below [Pa]; None for none.
+    beyond : str
+        Where, and by which chambers, the tip could not follow an approach; empty if it could.
+    is_unfelt : bool
+        Whether a press or a cap is without an estimate of the force.
     refusal : str
         Why the configured press is refused; empty if it is not.
     tip, speed : ndarray (3,)
@@ -76,7 +79,8 @@ class ForceLoopState:
     phase: Phase = ""
     approach_s: float = 0.0
     gap_s: float = 0.0
-    is_beyond: bool = False
+    missing_pa: Array | None = None
+    beyond: str = ""
     is_unfelt: bool = False
     refusal: str = ""
     tip: Array | None = None

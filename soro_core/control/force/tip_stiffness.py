@@ -64,9 +64,13 @@ class StiffnessAtTip:
 
     def by_common_pressure(self, q: Array) -> Array:
         """Return how far a common pressure of each link with chambers moves the tip (3, n) [m/Pa]."""
+        return np.asarray(_slope(self.arm, q) @ self.strain_by_common_pressure(q))
+
+    def strain_by_common_pressure(self, q: Array) -> Array:
+        """Return how it changes the coordinates (n_q, n) [1/Pa]."""
         actuation = self.arm.actuation_matrix(q)
         common = np.stack([actuation[:, one].sum(axis=1) for one in self.chambers], axis=1)
-        return np.asarray(_slope(self.arm, q) @ np.linalg.solve(_stiffness(self.arm, q), common))
+        return np.linalg.solve(_stiffness(self.arm, q), common)
 
     def slope(self, q: Array) -> Array:
         """Return the derivative (3, n_q) of the tip's position in the world."""

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from soro_core.config import Strict
+
+# Stiffness of the tip that can be asked for, as multiples of its own.
+SOFTEST, STIFFEST = 0.5, 2.0
 
 
 class MotionConfig(Strict):
@@ -60,6 +63,20 @@ class ForceControlConfig(Strict):
     tare: bool = Field(
         False, description="a press that begins counts the estimated force of that moment as none"
     )
+    stiffness_factor: float = Field(
+        0.0,
+        ge=0,
+        le=STIFFEST,
+        description="stiffness of the tip against what pushes it, as a multiple of its own at the reference, "
+        f"{SOFTEST:g} to {STIFFEST:g}; 0: as the feedback of the law makes it",
+    )
+
+    @field_validator("stiffness_factor")
+    @classmethod
+    def _reached(cls, factor: float) -> float:
+        if 0.0 < factor < SOFTEST:
+            raise ValueError(f"0 or {SOFTEST:g} to {STIFFEST:g}")
+        return factor
 
 
 class EnableBounds(Strict):

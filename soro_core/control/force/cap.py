@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 from soro_core.control.force.force_state import ForceLoopState
-from soro_core.control.force.press import likely_force
+from soro_core.control.force.impedance import yielding
+from soro_core.control.force.press import is_load, likely_force
 from soro_core.control.force.pushed_tip import PushedTip, across, fade
 from soro_core.control.reference.trajectory import Point
 from soro_core.frozen import replaced
@@ -47,7 +47,7 @@ def capped(
     if state.is_unfelt:  # not back into what the tip may touch
         return replaced(state, phase="", rate=np.zeros(3)).released(dt)
     follow, was_contact = push.config.follow_speed_m_s, state.phase == "contact"
-    back = fade(state.moved, follow, dt)
+    state, back = yielding(push, state, point.q, dt)
     if cap and felt is not None and state.tip is not None:
         likely = likely_force(felt.force_n, felt.covariance, cap**2 * np.eye(3))
         force = max(float(np.linalg.norm(likely)), 1e-9)
@@ -61,7 +61,7 @@ def capped(
         is_sure = felt.stage != "free" or force > _SURE * doubt
         near = force > _NEAR * cap * (_LEAVES if was_contact else 1.0)
         better = _LATE_LOAD if was_contact else _LOAD
-        if into > 0.0 and is_sure and near and not _is_load(felt, push.stiffness.arm.tables.gravity, better):
+        if into > 0.0 and is_sure and near and not is_load(felt, push.stiffness.arm.tables.gravity, better):
             if not was_contact:
                 state = push.touched(state, point.q, toward, force)
             state = replaced(state, toward=toward)
@@ -71,14 +71,3 @@ def capped(
             back = fade(across(state.moved, toward), follow, dt)
             return push.pushed(state, (goal, force), (tip, speed), back, dt)
     return replaced(state, phase="", rate=back, moved=state.moved + dt * back).released(dt)
-
-
-def _is_load(felt: ExternalForce, gravity: Array, better: float) -> bool:
-    """Whether a load explains a force better than one across gravity, so many times in squared deviations."""
-    force, inverse = felt.force_n, np.linalg.inv(felt.covariance)
-    pulls = float(gravity @ force)
-    if pulls <= 0.0:
-        return False
-    mass = max(float(gravity @ inverse @ force), 0.0) / float(gravity @ inverse @ gravity)
-    rest = force - mass * gravity
-    return better * float(rest @ inverse @ rest) < pulls**2 / float(gravity @ felt.covariance @ gravity)

@@ -65,6 +65,11 @@ class ForceLoopState:
         What makes of a push at the tip of uniform links the same of ones that it bends non-uniformly.
     wanted_n, answer_n, added_n : float
         f, f as the estimate is to show it, and z [N].
+    yields : pair of ndarray (3, 3), or None
+        How far the reference moves for the force that pushes the tip [m/N], and the covariance of such forces
+        about 0 [N^2]; None where nothing pushes it.
+    pressure_pa : ndarray (n_u,)
+        Measured pressures [Pa gauge].
     felt : ExternalForce or None
         Estimated force on the arm; None where it is not estimated.
     """
@@ -92,6 +97,8 @@ class ForceLoopState:
     wanted_n: float = 0.0
     answer_n: float = 0.0
     added_n: float = 0.0
+    yields: tuple[Array, Array] | None = None
+    pressure_pa: Array = field(default_factory=_zero)
     felt: ExternalForce | None = None
 
     @property

@@ -7,10 +7,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 from soro_core.control.force.force_state import ForceLoopState
 from soro_core.control.force.impedance import yielding
-from soro_core.control.force.press import is_load, likely_force
+from soro_core.control.force.press import likely_force
 from soro_core.control.force.pushed_tip import PushedTip, across, fade
 from soro_core.control.reference.trajectory import Point
 from soro_core.frozen import replaced
@@ -61,7 +62,7 @@ def capped(
         is_sure = felt.stage != "free" or force > _SURE * doubt
         near = force > _NEAR * cap * (_LEAVES if was_contact else 1.0)
         better = _LATE_LOAD if was_contact else _LOAD
-        if into > 0.0 and is_sure and near and not is_load(felt, push.stiffness.arm.tables.gravity, better):
+        if into > 0.0 and is_sure and near and not _is_load(felt, push.stiffness.arm.tables.gravity, better):
             if not was_contact:
                 state = push.touched(state, point.q, toward, force)
             state = replaced(state, toward=toward)
@@ -71,3 +72,14 @@ def capped(
             back = fade(across(state.moved, toward), follow, dt)
             return push.pushed(state, (goal, force), (tip, speed), back, dt)
     return replaced(state, phase="", rate=back, moved=state.moved + dt * back).released(dt)
+
+
+def _is_load(felt: ExternalForce, gravity: Array, better: float) -> bool:
+    """Whether a load explains a force better than one across gravity, so many times in squared deviations."""
+    force, inverse = felt.force_n, np.linalg.inv(felt.covariance)
+    pulls = float(gravity @ force)
+    if pulls <= 0.0:
+        return False
+    mass = max(float(gravity @ inverse @ force), 0.0) / float(gravity @ inverse @ gravity)
+    rest = force - mass * gravity
+    return better * float(rest @ inverse @ rest) < pulls**2 / float(gravity @ felt.covariance @ gravity)

@@ -6,8 +6,8 @@ compliance C / factor the reference moves by
     (C / factor - C_p) F,
 
 F the estimated force. (Admittance control: Hogan, Impedance control, 1985; Siciliano and Villani, Robot Force
-Control, 1999.) Feedback of the force reaches both softer and stiffer ones, with the delay of the estimate:
-a quick push meets the arm's own stiffness.
+Control, 1999.) Feedback of the force reaches both softer and stiffer ones, once no load explains it
+(`contact`) and with the delay of the estimate: a quick push meets the arm's own stiffness.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.control.force.force_state import ForceLoopState
-from soro_core.control.force.press import is_load, likely_force
+from soro_core.control.force.press import likely_force
 from soro_core.control.force.pushed_tip import PushedTip, fade
 from soro_core.frozen import replaced
 
@@ -38,17 +38,15 @@ def yielding(push: PushedTip, state: ForceLoopState, q: Array, dt: float) -> tup
     dt : float
         Time since the last tick [s].
     """
-    factor, felt, arm, goal = push.config.stiffness_factor, state.felt, push.stiffness.arm, np.zeros(3)
-    is_pushed = bool(factor) and felt is not None and felt.stage != "free"
-    if is_pushed and felt.mass_free:  # the law holds up a load
-        is_pushed = not is_load(felt, arm.tables.gravity, 1.0)
-    if not is_pushed:
+    factor, felt, goal = push.config.stiffness_factor, state.felt, np.zeros(3)
+    if not factor or felt is None or felt.stage != "contact":  # what may be a load is held up
         state = replaced(state, yields=None)
     else:
         if state.yields is None:
             own, with_feedback = push.stiffness.compliances(q, push.k_p, state.pressure_pa)
-            largest_n = _LARGEST_PART * arm.length / float(np.linalg.norm(own, 2))
+            largest_n = _LARGEST_PART * push.stiffness.arm.length / float(np.linalg.norm(own, 2))
             state = replaced(state, yields=(own / factor - with_feedback, largest_n**2 * np.eye(3)))
+        assert state.yields is not None
         moves, before = state.yields
         goal = moves @ likely_force(felt.force_n, felt.covariance, before)
     time_s = max(dt, _YIELD_S) if factor else dt

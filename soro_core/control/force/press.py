@@ -77,23 +77,3 @@ def likely_force(force_n: Array, covariance: Array, before: Array) -> Array:
         Its covariance, and that of the forces that may come, about 0 [N^2].
     """
     return np.asarray(before @ np.linalg.solve(before + covariance, force_n))
-
-
-def is_load(felt: ExternalForce, gravity: Array, better: float) -> bool:
-    """Return whether a load explains a force better than one across gravity does.
-
-    Parameters
-    ----------
-    felt : ExternalForce
-    gravity : ndarray (3,)
-        Acceleration of gravity in the world [m/s^2].
-    better : float
-        How many times the square of the deviations of a load, at most, is below that of the other.
-    """
-    force, inverse = felt.force_n, np.linalg.inv(felt.covariance)
-    pulls = float(gravity @ force)
-    if pulls <= 0.0:
-        return False
-    mass = max(float(gravity @ inverse @ force), 0.0) / float(gravity @ inverse @ gravity)
-    rest = force - mass * gravity
-    return better * float(rest @ inverse @ rest) < pulls**2 / float(gravity @ felt.covariance @ gravity)

@@ -1,4 +1,4 @@
-"""How often an arm that nothing touches takes itself for touched: minutes of scenes, and arms unlike their file."""
+"""How often an arm that nothing touches says that something does: scenes, and arms unlike their file."""
 
 from __future__ import annotations
 

@@ -73,8 +73,8 @@ def equilibrium(
     tension : array_like of shape (n_tendons,), optional
         Tensions of the tendons [N], 0 or more; `pressure` is then that of the chambers alone.
     wrench : (6,) or (n_wrenches, 6) or callable, optional
-        Wrenches that turn with their sections, as in `SoftArm.forward_dynamics`; a function of q gives others,
-        like a force that is held in the world. Default none.
+        Wrenches that turn with their sections, as in `SoftArm.forward_dynamics`; a function of q gives
+        others, like a force that is held in the world. Default none.
 
     Returns
     -------

@@ -25,7 +25,7 @@ class Held(Twin):
 
 
 def pushed(kind=Twin, push_n=(0.0, 0.02, 0.0), **force):
-    """Return how far the push moves the tip, how far off it is in the end [m], the note, and the tips since."""
+    """Return how far the push moves the tip, how far off it is at the end [m], the note, all tips."""
     keys = {
         "platform": "",
         "twin.payload_kg": 0.0,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field, field_validator
+from pydantic import Field
 
 from soro_core.config import Strict
 
@@ -63,20 +63,13 @@ class ForceControlConfig(Strict):
     tare: bool = Field(
         False, description="a press that begins counts the estimated force of that moment as none"
     )
-    stiffness_factor: float = Field(
-        0.0,
-        ge=0,
+    stiffness_factor: float | None = Field(
+        None,
+        ge=SOFTEST,
         le=STIFFEST,
-        description="stiffness of the tip against what pushes it, as a multiple of its own at the reference, "
-        f"{SOFTEST:g} to {STIFFEST:g}; 0: as the feedback of the law makes it",
+        description="stiffness of the tip against a contact, as a multiple of its own at the reference; "
+        "default: as the feedback of the law makes it",
     )
-
-    @field_validator("stiffness_factor")
-    @classmethod
-    def _reached(cls, factor: float) -> float:
-        if 0.0 < factor < SOFTEST:
-            raise ValueError(f"0 or {SOFTEST:g} to {STIFFEST:g}")
-        return factor
 
 
 class EnableBounds(Strict):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -41,6 +42,33 @@ class Mode:
     uniform_rate_per_s: float
     damping: float
     acceleration: float
+
+
+def least_stiffness(arm: SoftArm, force: Callable[[Array], Array], q: Array, k_p: Array) -> float:
+    """Return how stiff the arm is at least with a feedback, in parts of its own stiffness.
+
+    Parameters
+    ----------
+    arm : SoftArm
+        With stiffness in each coordinate.
+    force : callable
+        Gives the force (n_q,) that pressures lack to hold the arm at coordinates (n_q,).
+    q : ndarray (n_q,)
+        Where it is taken.
+    k_p : ndarray (n_q, n_q)
+        Of the feedback.
+
+    Returns
+    -------
+    float
+        Below 0 the arm leaves `q` by itself.
+    """
+    from scipy.linalg import eigh  # imported here: a scene reads the keys of a learner without it
+
+    steps, here = _STEP * scales_of(arm).q, force(q)
+    change = np.array([(force(q + step) - here) / h for step, h in zip(np.diag(steps), steps, strict=True)]).T
+    own = arm.stiffness_matrix(np.zeros(arm.n_q))
+    return float(eigh(0.5 * (change + change.T) + k_p, own, eigvals_only=True)[0])
 
 
 def first_mode(arm: SoftArm, stretch: bool) -> Mode | None:

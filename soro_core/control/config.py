@@ -57,6 +57,11 @@ class Gains(Strict):
             raise ValueError(f"auto, or a mapping of keys: {', '.join(cls.model_fields)}")
         return value
 
+    @property
+    def automatic(self) -> bool:
+        """Whether no gain of the feedback is stated."""
+        return self.k_p is None and self.k_d is None
+
     @model_validator(mode="after")
     def _not_negative(self) -> Gains:
         for name in ("k_p", "k_d", "lambda_per_s"):

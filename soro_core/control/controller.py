@@ -9,6 +9,7 @@ from functools import partial
 
 import numpy as np
 
+from soro_core.adaptation.modes import least_stiffness
 from soro_core.adaptation.regulators import RegulatorObserver
 from soro_core.arrays import Array, all_finite
 from soro_core.control.bumpless import apply_transfer
@@ -113,8 +114,8 @@ class Controller(GivenReferences):
             ),
             options_of(self.config.law, self.config.law_options),
         )
-        self.limit_cycles = LimitCycleWatch(self.arm, model.links, self.pressures.preview_s)
-        known = self.pressures
+        known, raises = self.pressures, config.gains.automatic and self.law.learns
+        self.limit_cycles = LimitCycleWatch(self.arm, model.links, known.preview_s, raises)
         self._nothing = np.zeros(self.arm.n_u)
         self.force_loop = ForceLoop(self.arm, self.fields, self.gains.k_p, self.limit, config.force)
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)
@@ -266,9 +267,9 @@ class Controller(GivenReferences):
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:
-            regulators = self.observer.observe(regulators, measured, dt, part)
+            regulators = self.observer.observe(regulators, measured, dt, min(part, 1.0))
         inner, desired, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
-        if part < 1.0:
+        if part != 1.0:
             terms, desired = lowered(terms, desired, part)
         transfer, desired = apply_transfer(state.transfer, desired, dt)
         desired = desired + self.force_loop.push(force, ahead.ahead.q)
@@ -283,7 +284,8 @@ class Controller(GivenReferences):
         saturated, acting = any(wish.saturated.tolist()), self.arm.acting_pressure(measured)
         inner = self.law.allocated(inner, Made(desired, wish.force, actuation, acting, saturated), dt)
         missing = self.setpoints.missing_pa(believed, desired, wish) if saturated else self._nothing
-        asked = AskedForce(terms, believed @ bias, missing)
+        alone = partial(self._stiffness, inner, state.creep, q, acting)
+        asked = AskedForce(terms, believed @ bias, missing, alone)
         force = self.force_loop.relieved(force, missing, dt)
         limit_cycle = self.limit_cycles.step(state.limit_cycle, asked, point.q, belief, dt)
         tip_reference = self.arm.pose(point.q, self.arm.length)
@@ -357,14 +359,23 @@ class Controller(GivenReferences):
             shaped(now), ahead, given.ahead_s, motions, lambda time_s: shaped(given.at(time_s))
         )
 
+    def _stiffness(self, law: object, creep: Array, q: Array, acting_pa: Array) -> float:
+        """Return the least stiffness of the learned arm with its gains, at constant pressures."""
+        still = np.zeros(self.arm.n_q)
+
+        def force(q: Array) -> Array:
+            known = self.law.reference_force(law, q, still, still) + self.arm.internal_force(q, creep)
+            return np.asarray(known - self.law.actuation(law, self.arm.actuation_matrix(q), q) @ acting_pa)
+
+        return least_stiffness(self.arm, force, q, self.gains.k_p)
+
     def _judged(
         self, state: ControllerState, q: Array, wanted: Array, missing: Array, event: str, dt: float
     ) -> ControlMonitorState:
         """Return the watch after a tick; `wanted` is the pose (4, 4) of the tip at the reference."""
-        tip = self.arm.pose(q, self.arm.length)
-        away = math.dist(tip[:3, 3], wanted[:3, 3]) / self.arm.length
-        if not self.law.learns:  # its lost arm is the verdict's
-            away = 0.0
+        away = 0.0
+        if self.law.learns:  # the lost arm of another law is the verdict's
+            away = math.dist(self.arm.pose(q, self.arm.length)[:3, 3], wanted[:3, 3]) / self.arm.length
         start_s = self.config.reference.start_s
         return update_monitor(state.watch, away, missing, self._chamber_names, event, start_s, dt)
 

@@ -1,4 +1,4 @@
-"""Detect a limit cycle of the loop, and lower the feedback of any law until it stops.
+"""Detect a limit cycle of the loop, or an arm that runs away, and lower or raise the feedback of any law.
 
 Feedback that comes too late for its gains makes the loop swing at a frequency of its own, up to where a bound
 holds it. Half swings of the tracking error of a coordinate, of like duration and not becoming smaller, in
@@ -6,11 +6,16 @@ which the feedback swings too, are a limit cycle, unless the reference turns abo
 the load the loop swings until the load is learned: the estimate jumps then, and nothing is judged for a
 while. Nor is an arm whose pressures end before what it needs: no feedback moves it then. Feedback that has
 been lowered stays so: what made it swing is still there.
+
+An arm that is softer than its file, or bears more, may need more feedback than its file asks for: it runs
+away from the reference, and falls in the learned model, too. Automatic gains are raised then, until the
+learned arm stands with less (docs/adr/0081).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -45,6 +50,12 @@ _EVEN_PART, _LASTS_PART = 0.6, 0.9
 _HARMONICS = 3.5
 # Factor on the feedback at each detection, and the least part of it that is left.
 _LOWERED, _LEAST_PART = 0.5, 1.0 / 16.0
+# An error beyond this, in units of q, that has grown for this time without turning [s]; factor on the
+# feedback then. It ends where the learned arm keeps this part of its stiffness with its gains alone.
+_FAR_Q, _GROWS_S, _RAISED, _STANDS = 0.4, 0.15, 3.0, 0.3
+# Time from then on in which no swing is judged [s]: until slopes are in force, W stands for them, and makes
+# the arm swing at any gains (docs/adr/0063).
+_LEARNS_S = 5.0
 
 # What a law must tell of its force.
 FEEDBACK = "error", "proportional", "derivative"
@@ -61,11 +72,14 @@ class AskedForce(NamedTuple):
         Force of what the observer of the regulators takes off the command.
     missing_pa : ndarray (n_u,)
         Pressure beyond its bound that the desired force needs of each chamber [Pa].
+    stiffness : callable
+        Gives what `soro_core.adaptation.modes.least_stiffness` finds of the learned arm.
     """
 
     terms: Terms
     bias: Array
     missing_pa: Array
+    stiffness: Callable[[], float]
 
 
 @dataclass(frozen=True)
@@ -91,7 +105,11 @@ class LimitCycleState:
     jumped_s : float
         When the estimate jumped last [s].
     part, note : float, str
-        Part of the feedback that is in force; what the user must know, or an empty string.
+        Factor on the feedback that is in force; what the user must know, or an empty string.
+    far_s : ndarray (n,) or float
+        Time for which each coordinate has been far from its reference without turning back [s].
+    raised_s : float
+        When the feedback was raised [s].
     """
 
     t_s: float
@@ -109,6 +127,8 @@ class LimitCycleState:
     jumped_s: float = -math.inf
     part: float = 1.0
     note: str = ""
+    far_s: Array | float = 0.0
+    raised_s: float = -math.inf
 
 
 def no_limit_cycle(n: int) -> LimitCycleState:
@@ -131,10 +151,14 @@ class LimitCycleWatch:
         Number of pieces into which each link is discretised.
     acts_after_s : float
         Time until a set point acts [s]: no half swing of the loop is shorter.
+    raises : bool
+        Whether the feedback of an arm that runs away is raised: that of automatic gains alone.
     """
 
-    def __init__(self, arm: SoftArm, pieces: int = 1, acts_after_s: float = 0.0) -> None:
-        self.acts_after_s = acts_after_s
+    def __init__(
+        self, arm: SoftArm, pieces: int = 1, acts_after_s: float = 0.0, raises: bool = False
+    ) -> None:
+        self.acts_after_s, self.raises = acts_after_s, raises
         try:
             scales = scales_of(arm, pieces)
         except ConfigError:
@@ -165,7 +189,7 @@ class LimitCycleWatch:
         dt : float
             Time since the last tick [s].
         """
-        terms, bias, missing_pa = asked
+        terms, bias, missing_pa, stiffness = asked
         if self.units is None or any(np.shape(terms.get(name, ())) != reference.shape for name in FEEDBACK):
             return state
         (by_q, by_force), t_s = self.units, state.t_s + dt
@@ -174,14 +198,31 @@ class LimitCycleWatch:
         place, rate = belief.q / by_q, belief.qd / by_q
         jump = np.abs(place - state.place - 0.5 * dt * (rate + state.rate)).max()
         starts = t_s < _START_S
-        short_s = np.where(np.abs(missing_pa) > DEFICIT_PA, state.short_s + dt, 0.0)
+        is_short = np.abs(missing_pa) > DEFICIT_PA
+        short_s = np.where(is_short, state.short_s + dt, 0.0)
         has_jumped = jump > _JUMP_Q and not starts
         ahead = state.side * (signal - state.extreme)
         is_out = (ahead > 0.0) | starts
         height = np.abs(state.extreme - state.values[:, -1])
         turned = -ahead > np.maximum(self.back_part * height, self.back_q)
+        part, note, raised_s = state.part, state.note, state.raised_s
+        far_s: Array | float = 0.0
+        is_far = ((state.side * signal > _FAR_Q) & ~turned)[: reference.size]
+        is_pushed = belief.external is not None and belief.external.stage != "free"
+        if is_far.any() and not (starts or has_jumped or is_pushed or is_short.any()):
+            far_s = np.where(is_far, state.far_s + dt, 0.0)
+        grows = np.max(far_s * is_out[: reference.size]) > _GROWS_S
+        if part > 1.0 and any(turned.tolist()) and stiffness() > _STANDS:
+            part, note = 1.0, ""
+        elif self.raises and part == 1.0 and grows and stiffness() < 0.0:
+            part, raised_s = _RAISED, t_s
+            note = f"the arm runs away: feedback raised to {part:.2g} times its gains"
         after = replaced(
             state,
+            part=part,
+            note=note,
+            far_s=far_s,
+            raised_s=raised_s,
             t_s=t_s,
             extreme=np.where(is_out, signal, state.extreme),
             at_s=np.where(is_out, t_s, state.at_s),
@@ -197,7 +238,7 @@ class LimitCycleWatch:
 
 
 def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
-    """Return terms and desired force of a law with this part of its feedback.
+    """Return terms and desired force of a law with its feedback times a factor.
 
     Parameters
     ----------
@@ -206,7 +247,7 @@ def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
     desired : ndarray (n,)
         Force that the law asks for.
     part : float
-        Part of the feedback that is left, 0 to 1.
+        Factor on the feedback.
 
     Returns
     -------
@@ -242,6 +283,7 @@ def _turned(
         & (pushed.min(axis=1) > _LEAST_FORCE)
         & (state.t_s - state.jumped_s > _UNJUDGED * longest_s)
         & (state.short_s.max() < DEFICIT_S)
+        & (state.t_s - state.raised_s > _LEARNS_S)
         & ~(_HARMONICS * longest_s > reference_s)
     )
     part, note = state.part, state.note

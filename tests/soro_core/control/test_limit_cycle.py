@@ -1,6 +1,7 @@
 """The detector of limit cycles on signals of its own."""
 
 import re
+from functools import partial
 
 import control_samples
 import numpy as np
@@ -14,13 +15,22 @@ from soro_core.errors import ConfigError
 
 ARM = SoftArm(robot_from_dict({**control_samples.ROBOT, "links": [control_samples.LINK]}))
 WATCH = LimitCycleWatch(ARM)
+RAISING = LimitCycleWatch(ARM, raises=True)
 BY_Q, BY_FORCE = WATCH.units
 N = ARM.n_q
 SIDE = np.array([0.0, 1.0, 0.0])
 
 
 def watched(
-    error, reference=lambda t: 0.0, force=5.0, seconds=10.0, dt=0.005, jumps=(), missing_pa=0.0, watch=WATCH
+    error,
+    reference=lambda t: 0.0,
+    force=5.0,
+    seconds=10.0,
+    dt=0.005,
+    jumps=(),
+    missing_pa=0.0,
+    watch=WATCH,
+    stiffness=lambda t: -0.1,
 ):
     """Return the times of detections, and the last state; the arm is where the error has it."""
     state, before, found = no_limit_cycle(N), 1.0, []
@@ -37,7 +47,7 @@ def watched(
         }
         state = watch.step(
             state,
-            AskedForce(terms, np.zeros(N), np.array([missing_pa])),
+            AskedForce(terms, np.zeros(N), np.array([missing_pa]), partial(stiffness, t)),
             reference(t) * SIDE * BY_Q,
             belief,
             dt,
@@ -120,7 +130,7 @@ def test_lowered_feedback_is_that_of_the_terms():
 @pytest.mark.parametrize("terms", [{}, dict.fromkeys(limit_cycle.FEEDBACK, 1.0)])
 def test_a_law_that_does_not_tell_its_feedback_by_coordinate_is_not_watched(terms):
     state = no_limit_cycle(N)
-    assert WATCH.step(state, AskedForce(terms, BY_Q, np.zeros(3)), BY_Q, None, 0.005) is state
+    assert WATCH.step(state, AskedForce(terms, BY_Q, np.zeros(3), None), BY_Q, None, 0.005) is state
     assert lowered(terms, BY_Q, 0.5) == (terms, BY_Q)
 
 
@@ -130,4 +140,48 @@ def test_an_arm_without_units_is_not_watched(monkeypatch):
 
     monkeypatch.setattr(limit_cycle, "scales_of", refuse)
     state = no_limit_cycle(N)
-    assert LimitCycleWatch(ARM).step(state, AskedForce({}, BY_Q, np.zeros(3)), BY_Q, None, 0.005) is state
+    assert (
+        LimitCycleWatch(ARM).step(state, AskedForce({}, BY_Q, np.zeros(3), None), BY_Q, None, 0.005) is state
+    )
+
+
+def runs_away(t):
+    return 0.02 * np.exp(4.0 * t)
+
+
+def test_feedback_of_an_arm_that_runs_away_is_raised():
+    state = watched(runs_away, seconds=1.1, watch=RAISING)[1]
+    assert state.part == 3.0
+    assert state.note == "the arm runs away: feedback raised to 3 times its gains"
+    # Within a quarter of a second of what the arm comes back from.
+    assert state.raised_s < np.log(0.4 / 0.02) / 4.0 + 0.25
+    assert watched(runs_away, seconds=2.0, watch=RAISING)[1].part == 3.0
+
+    # What swings afterwards is not judged before the arm is learned, and is lowered then.
+    def swings(t):
+        return runs_away(t) if t < 1.0 else runs_away(1.0) * np.cos(20.0 * (t - 1.0))
+
+    found = watched(swings, watch=RAISING)[0]
+    assert 5.9 < found[0] < 6.6
+    # Where the learned arm stands by itself, it is raised no more.
+    for later, part in ((0.25, 3.0), (0.35, 1.0)):
+        found = watched(swings, seconds=3.0, watch=RAISING, stiffness=lambda t, a=later: a * (t > 2.0) - 0.01)
+        assert found[1].part == part
+        assert bool(found[1].note) == (part > 1.0)
+
+
+def test_other_errors_raise_nothing():
+    cases = {
+        "stated gains": (runs_away, {"watch": WATCH, "seconds": 1.1}),
+        "an arm that stands": (runs_away, {"seconds": 1.1, "stiffness": lambda t: 0.01}),
+        "lags behind": (lambda t: 0.35 * (1.0 - np.exp(-2.0 * t)), {}),
+        "a short peak": (lambda t: np.exp(-(((t - 3.0) / 0.1) ** 2)), {}),
+        "comes back": (lambda t: 2.0 * np.exp(-2.0 * t), {}),
+        "estimate jumps": (lambda t: 0.2 * t, {"jumps": np.arange(0.0, 4.0, 0.1), "seconds": 4.0}),
+        "pressures end": (lambda t: 0.2 * t, {"missing_pa": 3e3}),
+        "lowered before": (lambda t: 0.3 * np.sin(20.0 * t) if t < 2.0 else 0.2 * (t - 2.0), {}),
+    }
+    raising = {"watch": RAISING}
+    found = {name: watched(error, **(raising | keys))[1].part for name, (error, keys) in cases.items()}
+    assert max(found.values()) == 1.0, found
+    assert found["lowered before"] < 1.0

@@ -99,6 +99,7 @@ def bench(
     out: Annotated[Path, typer.Option(help="folder of RESULTS.md and the pictures")] = Path(__file__).parent,
     with_peer: Annotated[bool, typer.Option("--peer/--no-peer", help="measure soromox too")] = True,
     quick: Annotated[bool, typer.Option(help="smallest settings: for tests, not for figures")] = False,
+    minutes: Annotated[float, typer.Option(min=0, help="force: of each scene that nothing touches")] = 0.0,
     seeds: Annotated[int, typer.Option(min=1, help="control, mismatch: seeds of each case")] = 5,
     arms: Annotated[int, typer.Option(min=1, help="control, mismatch: random arms")] = 100,
     jobs: Annotated[int | None, typer.Option(min=1, help="random arms at a time; default one a core")] = None,
@@ -110,7 +111,7 @@ def bench(
     if with_peer and not measured:
         Console().print(peer.MISSING)
     with one_core():
-        options = Options(measured, quick, out, seeds=seeds, arms=arms, jobs=jobs, dask=dask)
+        options = Options(measured, quick, out, minutes=minutes, seeds=seeds, arms=arms, jobs=jobs, dask=dask)
         running.write(SECTIONS, names, options, report.HEAD)
 
 

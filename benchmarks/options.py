@@ -22,6 +22,8 @@ class Options:
     """Where the results and pictures go."""
     say: Callable[[str], None] = lambda text: None
     """Progress."""
+    minutes: float = 0.0
+    """Minutes of each scene of `force` that nothing touches; 0: none is run."""
     seeds: int = 5
     """Seeds of the closed loop, from 1 on."""
     arms: int = 100

@@ -91,9 +91,8 @@ def update_monitor(
     deficit_s = state.deficit_s + dt if any(short.tolist()) else 0.0
     saturated = ""
     if deficit_s > DEFICIT_S:
-        parts = [_deficit(name, missing) for name, missing in zip(names, missing_pa, strict=True) if missing]
         # A text that changes with each tick would be a message each tick.
-        saturated = state.saturated or "pressure saturated: " + ", ".join(part for part in parts if part)
+        saturated = state.saturated or f"pressure saturated: {deficit_text(names, missing_pa)}"
     event_text, event_s = (event, 0.0) if event else (state.event_text, state.event_s + dt)
     return replaced(
         state,
@@ -132,8 +131,18 @@ def input_error(q: Array, qd: Array, t: float, dt: float, n: int) -> str:
     return ""
 
 
-def _deficit(name: str, missing_pa: float) -> str:
-    if abs(missing_pa) <= DEFICIT_PA:
-        return ""
-    side = "more than" if missing_pa > 0.0 else "below"
-    return f"{name} needs {1e-3 * abs(missing_pa):.0f} kPa {side} its limit"
+def deficit_text(names: Sequence[str], missing_pa: Array) -> str:
+    """Return which chambers need pressures beyond their range; empty if none does.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Of the chambers.
+    missing_pa : ndarray (n_u,)
+        Pressure beyond its bound, negative below [Pa].
+    """
+    return ", ".join(
+        f"{name} needs {1e-3 * abs(missing):.0f} kPa {'more than' if missing > 0.0 else 'below'} its limit"
+        for name, missing in zip(names, missing_pa.tolist(), strict=True)
+        if abs(missing) > DEFICIT_PA
+    )

@@ -242,7 +242,7 @@ class Controller(GivenReferences):
         preview_s = self.pressures.preview_s
         point = reference_ahead(self.bounds, following, 0.0)
         external = None if certainty is None else certainty.external
-        force = self.force_loop.step(state.force, following, point, (q, qd), external, dt)
+        force = self.force_loop.step(state.force, following, point, (q, qd, measured), external, dt)
 
         def later(time_s: float) -> Point:
             return self.force_loop.moved_point(force, reference_ahead(self.bounds, following, time_s), time_s)

@@ -6,6 +6,9 @@ from pydantic import Field
 
 from soro_core.config import Strict
 
+# Stiffness of the tip that can be asked for, as multiples of its own.
+SOFTEST, STIFFEST = 0.5, 2.0
+
 
 class MotionConfig(Strict):
     """Motions to references by topic, and along paths of the tip (configured, by topic, `soro move`)."""
@@ -59,6 +62,13 @@ class ForceControlConfig(Strict):
     )
     tare: bool = Field(
         False, description="a press that begins counts the estimated force of that moment as none"
+    )
+    stiffness_factor: float | None = Field(
+        None,
+        ge=SOFTEST,
+        le=STIFFEST,
+        description="stiffness of the tip against a contact, as a multiple of its own at the reference; "
+        "default: as the feedback of the law makes it",
     )
 
 

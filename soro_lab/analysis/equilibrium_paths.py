@@ -16,6 +16,8 @@ from soro_lab.analysis.stiffness import TipStiffness, tangent_stiffness, tip_sti
 
 # Resting places on a way, both ends included.
 POINTS = 9
+# Name of a way on which all chambers have the same pressure.
+EQUAL = "all chambers"
 
 
 @dataclass(frozen=True)
@@ -81,7 +83,7 @@ def targets(names: tuple[str, ...], low_pa: float, high_pa: float) -> list[tuple
             pressure[i] = end
             found.append((name, pressure))
         if n > 1:
-            found.append(("all chambers", np.full(n, end)))
+            found.append((EQUAL, np.full(n, end)))
     return found
 
 

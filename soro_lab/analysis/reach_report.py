@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from soro_core.control.motion_config import SOFTEST, STIFFEST
 from soro_core.control.reachable_workspace import Reachable
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import strain_fields
-from soro_lab.analysis.equilibrium_paths import EquilibriumPath, RestingPlace
+from soro_lab.analysis.equilibrium_paths import EQUAL, EquilibriumPath, RestingPlace
 from soro_lab.analysis.reach_picture import frequency, strain_shares
 
 
@@ -22,6 +23,39 @@ def place_rows(ways: Sequence[EquilibriumPath], count: int) -> list[tuple[str, .
         note = "" if way.reached else ", the last with a rest"
         rows.append(_row(f"{way.name}, {1e-3 * way.pressure_pa[-1]:g} kPa{note}", way.places[-1], count))
     return rows
+
+
+def stiffness_range(ways: Sequence[EquilibriumPath]) -> dict[str, tuple[float, float]]:
+    """Return the least and the greatest stiffness [N/m] that a sideways force at the tip may be made to meet.
+
+    Parameters
+    ----------
+    ways : sequence of EquilibriumPath
+
+    Returns
+    -------
+    dict
+        `pressures`: of the softest direction, as all chambers get the same pressure, which bends nothing
+        (antagonists). `force.stiffness_factor`: of the same places, with the keys of the controller.
+    """
+    antagonists = [way for way in ways if way.name == EQUAL] or ways[:1]
+    found = [float(place.tip.stiffness[0]) for way in antagonists for place in way.places]
+    low, high = min(found), max(found)
+    return {"pressures": (low, high), "force.stiffness_factor": (SOFTEST * low, STIFFEST * high)}
+
+
+def stiffness_rows(ways: Sequence[EquilibriumPath]) -> list[tuple[str, str]]:
+    """Return the rows: what commands the stiffness of the tip, and its range.
+
+    Parameters
+    ----------
+    ways : sequence of EquilibriumPath
+    """
+    names = {"pressures": "equal pressures make", "force.stiffness_factor": "force.stiffness_factor makes"}
+    return [
+        (f"softest direction of the tip, {names[by]}, N/m", f"{_newton(low)} to {_newton(high)}")
+        for by, (low, high) in stiffness_range(ways).items()
+    ]
 
 
 def _row(name: str, place: RestingPlace, count: int) -> tuple[str, ...]:
@@ -79,6 +113,9 @@ def as_dict(arm: SoftArm, found: Reachable, ways: Sequence[EquilibriumPath]) -> 
             for p, x in zip(found.pressure_pa, found.tip_m, strict=True)
         ],
         "combinations_without_rest": found.failed,
+        "stiffness_range_n_m": {
+            by: [None if math.isinf(x) else x for x in ends] for by, ends in stiffness_range(ways).items()
+        },
         "ways": [
             {
                 "chambers": way.name,

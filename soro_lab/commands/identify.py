@@ -105,6 +105,15 @@ def identify(
             show_default=False,
         ),
     ] = None,
+    known_push: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="RUN=FORCE",
+            help="Known force on the tip during a recording, along x, y, z of the world, like "
+            "push=80mN,0mN,0mN: what a scale shows that the arm presses on, or pulls it. As --known-load.",
+            show_default=False,
+        ),
+    ] = None,
     keep: Annotated[
         str | None,
         typer.Option(
@@ -179,13 +188,16 @@ def identify(
     described = None if name is None else load_robot(name)
     wanted = ReportOptions(report, profile)
     if described is not None:
+        if known_push and described.wrench_places:
+            allowed = "none beside --known-push, which acts on the tip"
+            raise ConfigError(str(name), "wrench_places", list(described.wrench_places), allowed)
         check_described(described, str(name))
         if learn_from is not None:
             described = with_learned(described, load_kept(learn_from), str(kept_file(learn_from)))
         wanted.check(described, force)
     console = Console(stderr=True)
     air = AirStage(out, volume, supply, accept, force)
-    read = _loaded(_read(paths, columns or [], described), known_load or [])
+    read = _loaded(_read(paths, columns or [], described), known_load or [], known_push or [])
     for recording in read:
         console.print(summary(recording), highlight=False, markup=False)
     if described is None or not any(recording.shapes for recording in read):
@@ -242,16 +254,28 @@ def identify(
         raise typer.Exit(130 if interrupted else status)
 
 
-def _loaded(recordings: list[Recording], loads: list[str]) -> list[Recording]:
-    """Return the recordings with the masses that `--known-load` states."""
+def _loaded(recordings: list[Recording], loads: list[str], pushes: list[str]) -> list[Recording]:
+    """Return the recordings with what `--known-load` and `--known-push` state."""
     found = {recording.name: recording for recording in recordings}
-    for text in loads:
-        name, _, stated = text.partition("=")
+
+    def stated(option: str, text: str, kind: str) -> tuple[str, str]:
+        name, _, value = text.partition("=")
         if name not in found:
-            allowed = f"RUN=MASS with a recording: {', '.join(found)}"
-            raise ConfigError("soro identify", "--known-load", text, allowed)
-        mass = Quantity("kg", 1e-4, 5.0, "20g").number(stated, "soro identify", "--known-load")
+            allowed = f"RUN={kind} with a recording: {', '.join(found)}"
+            raise ConfigError("soro identify", option, text, allowed)
+        return name, value
+
+    for text in loads:
+        name, value = stated("--known-load", text, "MASS")
+        mass = Quantity("kg", 1e-4, 5.0, "20g").number(value, "soro identify", "--known-load")
         found[name] = replace(found[name], load_kg=mass)
+    for text in pushes:
+        name, value = stated("--known-push", text, "FORCE")
+        push = Quantity("N", -100.0, 100.0, "80mN,0,0").read(value, "soro identify", "--known-push")
+        if len(push) != 3 or not any(push):
+            allowed = "three numbers, not all 0, like push=80mN,0mN,0mN"
+            raise ConfigError("soro identify", "--known-push", text, allowed)
+        found[name] = replace(found[name], push_n=(push[0], push[1], push[2]))
     return list(found.values())
 
 

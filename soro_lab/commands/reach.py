@@ -45,7 +45,7 @@ def reach(
     from soro_core.robot import load_robot
     from soro_lab.analysis.equilibrium_paths import ways
     from soro_lab.analysis.reach_picture import draw
-    from soro_lab.analysis.reach_report import as_dict, mode_rows, place_rows
+    from soro_lab.analysis.reach_report import as_dict, mode_rows, place_rows, stiffness_rows
 
     loaded = load_robot(robot)
     require_chambers(loaded, "soro reach")
@@ -70,7 +70,7 @@ def reach(
         through = ways(arm, low, high, lambda done, of: status.update(f"stiffness and modes: {done} of {of}"))
     title = f"{loaded.name}, {1e-3 * low:g} to {1e-3 * high:g} kPa, load {1e3 * load:g} g"
     tip, places, shapes = Table(title, ""), Table(), Table()
-    for row in found.numbers():
+    for row in (*found.numbers(), *stiffness_rows(through)):
         tip.add_row(*row)
     for name in ("at", "tip, mm", "stiffness of the tip, N/m", "modes, Hz", "with losses, Hz (ratio)"):
         places.add_column(name)

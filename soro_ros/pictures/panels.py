@@ -204,23 +204,31 @@ def draw_force(axis: Any, view: View) -> None:
     known = map(view.controlled, (recording.estimated_force, recording.force_doubt))
     estimated, doubt, true, wanted = map(view.shown, (*known, recording.true_force, recording.wanted_force))
     _shade_stages(axis, doubt)
+    kinds: list[tuple[str, TopicSeries, dict[str, Any]]] = [
+        ("true, of the twin", true, {"lw": 2.5, "alpha": 0.35}),
+        ("wanted", wanted, {"lw": 0.9, "ls": "--"}),
+        ("estimated", estimated, {"lw": 0.9}),
+    ]
+    for kind, series, style in kinds:
+        if not series.t.size:
+            continue
+        for k, name in enumerate("xyz"):
+            label = f"estimated, {name}" if kind == "estimated" else None
+            axis.plot(series.t, 1e3 * series.value[:, k], color=f"C{k}", label=label, **style)
+        if kind != "estimated":
+            axis.plot([], [], color="0.3", label=kind, **style)
     for k, name in enumerate("xyz"):
-        for series, style in (
-            (true, {"lw": 2.5, "alpha": 0.35}),
-            (wanted, {"lw": 0.9, "ls": "--"}),
-            (estimated, {"lw": 0.9, "label": name}),
-        ):
-            if series.t.size:
-                axis.plot(series.t, 1e3 * series.value[:, k], color=f"C{k}", **style)
         if estimated.t.size and (variance := 2 * name) in doubt.names:
             twice = 2e3 * np.sqrt(np.maximum(doubt.value[:, doubt.names.index(variance)], 0.0))
             middle = 1e3 * estimated.at(doubt.t)[:, k]
-            axis.fill_between(doubt.t, middle - twice, middle + twice, color=f"C{k}", alpha=0.12, lw=0)
+            label = None if k else "2 standard deviations of it"
+            band = {"color": f"C{k}", "alpha": 0.12, "lw": 0, "label": label}
+            axis.fill_between(doubt.t, middle - twice, middle + twice, **band)
     if estimated.t.size:  # what no pose shows, along the backbone, would hide all else
         low, high = np.nanmin(estimated.value), np.nanmax(estimated.value)
         room = 0.25 * (high - low) + 0.01
         axis.set(ylim=(1e3 * (low - room), 1e3 * (high + room)))
-    axis.set(ylabel="force [mN]")
+    axis.set(ylabel="force on the tip [mN]")
 
 
 def _shade_stages(axis: Any, doubt: TopicSeries) -> None:

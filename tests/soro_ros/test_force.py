@@ -118,8 +118,12 @@ def test_a_force_in_a_bag_has_figures_events_a_note_and_a_panel(forced):
     figure = picture((panels.FORCE,), run.view, "title")
     (axis,) = figure.axes
     lines = {line.get_label(): line for line in axis.lines}
-    assert lines["y"].get_ydata() == pytest.approx(10.0)
-    assert {float(line.get_ydata()[0]) for line in axis.lines if line.get_linestyle() == "--"} >= {100.0}
+    assert lines["estimated, y"].get_ydata() == pytest.approx(10.0)
+    drawn = [line for line in axis.lines if len(line.get_ydata())]
+    assert {float(line.get_ydata()[0]) for line in drawn if line.get_linestyle() == "--"} >= {100.0}
+    legend = {text.get_text() for text in axis.get_legend().get_texts()}
+    estimated = {"estimated, x", "estimated, y", "estimated, z", "2 standard deviations of it"}
+    assert legend == {*estimated, "true, of the twin", "wanted", "contact"}
     bands = [band.get_datalim(axis.transData) for band in axis.collections]
     assert [(band.y0, band.y1) for band in bands] == [
         pytest.approx((1e3 * (f - 2 * s), 1e3 * (f + 2 * s)))

@@ -10,6 +10,7 @@ import numpy as np
 from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 from soro_core.control.force.force_state import ForceLoopState
+from soro_core.control.force.impedance import yielding
 from soro_core.control.force.press import likely_force
 from soro_core.control.force.pushed_tip import PushedTip, across, fade
 from soro_core.control.reference.trajectory import Point
@@ -47,7 +48,7 @@ def capped(
     if state.is_unfelt:  # not back into what the tip may touch
         return replaced(state, phase="", rate=np.zeros(3)).released(dt)
     follow, was_contact = push.config.follow_speed_m_s, state.phase == "contact"
-    back = fade(state.moved, follow, dt)
+    state, back = yielding(push, state, point.q, dt)
     if cap and felt is not None and state.tip is not None:
         likely = likely_force(felt.force_n, felt.covariance, cap**2 * np.eye(3))
         force = max(float(np.linalg.norm(likely)), 1e-9)

@@ -83,7 +83,7 @@ class ForceLoop:
         state: ForceLoopState,
         following: ActiveReference,
         point: Point,
-        seen: tuple[Array, Array],
+        seen: tuple[Array, Array, Array],
         felt: ExternalForce | None,
         dt: float,
     ) -> ForceLoopState:
@@ -96,8 +96,8 @@ class ForceLoop:
             The reference to follow.
         point : Point
             The reference in force, not moved.
-        seen : pair of ndarray (n_q,)
-            Estimated coordinates and rates.
+        seen : ndarray (n_q,), (n_q,) and (n_u,)
+            Estimated coordinates and rates, and measured pressures [Pa gauge].
         felt : ExternalForce or None
             Estimated force on the arm at the tip; None where it is not estimated.
         dt : float
@@ -106,13 +106,14 @@ class ForceLoop:
         if felt is None and state.felt is not None and state.gap_s < _GAP_S:
             still = np.zeros_like(point.q)
             return replaced(state, gap_s=state.gap_s + dt, rate=np.zeros(3), shift_rate=still)
-        state = replaced(state, felt=felt, gap_s=0.0)
-        moves = state.press or self.config.cap_n or any(state.moved.tolist()) or state.wanted_n
+        state = replaced(state, felt=felt, gap_s=0.0, pressure_pa=seen[2])
+        bounded = self.config.cap_n or self.config.stiffness_factor
+        moves = state.press or bounded or any(state.moved.tolist()) or state.wanted_n
         if not moves and not isinstance(following.wanted, Press):
             return state if state.tip is None else replaced(state, tip=None)
         state = asked(state, following.wanted, following.given, dt)
         press = state.press
-        state = self._tracked(state, *seen, dt)
+        state = self._tracked(state, *seen[:2], dt)
         tip, speed, _ = self._tip(point.q, point.qd)
         if press is None:
             state = capped(self._push, state, point, tip, speed, dt)
@@ -144,7 +145,7 @@ class ForceLoop:
             return f"no estimate of the force: {what}"
         if state.phase != "stopped":
             return state.refusal
-        where = "where the tip follows" if state.is_beyond else f"within {state.approach_s:.1f} s"
+        where = state.beyond or f"within {state.approach_s:.1f} s"
         return f"no contact {where}: the tip is stopped"
 
     def told(self, state: ForceLoopState) -> ExternalForce | None:
@@ -161,7 +162,9 @@ class ForceLoop:
         return np.asarray(slope.T @ state.push_n)
 
     def relieved(self, state: ForceLoopState, missing_pa: Array, dt: float) -> ForceLoopState:
-        """Return the state with the tip moved; parameters as in `PushedTip.relieved`."""
+        """Return the state after the pressures are known; parameters as in `PushedTip.relieved`."""
+        if state.phase == "approach":
+            return replaced(state, missing_pa=missing_pa if missing_pa.any() else None)
         if state.phase != "contact" or not missing_pa.any():
             return state
         return self._push.relieved(state, missing_pa, dt)

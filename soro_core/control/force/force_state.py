@@ -45,9 +45,12 @@ class ForceLoopState:
         Time of the approach [s].
     gap_s : float
         Time without an estimate of the force that is bridged [s].
-    is_beyond, is_unfelt : bool
-        Whether a press has stopped because the tip could not follow; whether a press or a cap is without an
-        estimate of the force.
+    missing_pa : ndarray (n_u,) or None
+        Pressure beyond its bound that an approach needs of each chamber, negative below [Pa]; None for none.
+    beyond : str
+        Where, and by which chambers, the tip could not follow an approach; empty if it could.
+    is_unfelt : bool
+        Whether a press or a cap is without an estimate of the force.
     refusal : str
         Why the configured press is refused; empty if it is not.
     tip, speed : ndarray (3,)
@@ -62,6 +65,11 @@ class ForceLoopState:
         What makes of a push at the tip of uniform links the same of ones that it bends non-uniformly.
     wanted_n, answer_n, added_n : float
         f, f as the estimate is to show it, and z [N].
+    yields : pair of ndarray (3, 3), or None
+        How far the reference moves for the force that pushes the tip [m/N], and the covariance of such forces
+        about 0 [N^2]; None where nothing pushes it.
+    pressure_pa : ndarray (n_u,)
+        Measured pressures [Pa gauge].
     felt : ExternalForce or None
         Estimated force on the arm; None where it is not estimated.
     """
@@ -76,7 +84,8 @@ class ForceLoopState:
     phase: Phase = ""
     approach_s: float = 0.0
     gap_s: float = 0.0
-    is_beyond: bool = False
+    missing_pa: Array | None = None
+    beyond: str = ""
     is_unfelt: bool = False
     refusal: str = ""
     tip: Array | None = None
@@ -88,6 +97,8 @@ class ForceLoopState:
     wanted_n: float = 0.0
     answer_n: float = 0.0
     added_n: float = 0.0
+    yields: tuple[Array, Array] | None = None
+    pressure_pa: Array = field(default_factory=_zero)
     felt: ExternalForce | None = None
 
     @property

@@ -9,6 +9,8 @@ from soro_core.control.force.tip_stiffness import StiffnessAtTip
 from soro_core.control.motions.pressure_feasibility import PressureSupply
 from soro_core.errors import ConfigError
 
+# Steps to the length at which no chamber of a link needs less than its range has.
+_LONGER_STEPS = 3
 # Largest force along an axis [N]; a square of it is finite.
 LARGEST_N = 1e3
 
@@ -16,8 +18,8 @@ LARGEST_N = 1e3
 def check_force(supply: PressureSupply, stiffness: StiffnessAtTip, q: Array, push_n: Array) -> None:
     """Refuse a force that no pressures within their range can make.
 
-    All chambers of a link may get more pressure: it becomes longer then, and presses as before. So the range
-    must hold the differences of pressure of each link.
+    All chambers of a link may get more pressure: it becomes longer then, and presses as before, but for what
+    the longer link needs itself. So the range must hold the pressures at that length.
 
     Parameters
     ----------
@@ -34,18 +36,24 @@ def check_force(supply: PressureSupply, stiffness: StiffnessAtTip, q: Array, pus
     ConfigError
         With the chamber and the pressure that it would need.
     """
-    still, maker = np.zeros_like(q), supply.setpoints
-    scale = stiffness.nonuniformity(q, push_n / np.linalg.norm(push_n))
-    force = supply.force(q, still, still) + stiffness.slope(q).T @ (scale * push_n)
-    wide = maker.allocate(supply.actuation(q), force, maker.preferred_pa, wide=True).pressure_pa
+    direction, still, maker = push_n / np.linalg.norm(push_n), np.zeros_like(q), supply.setpoints
+    for _ in range(_LONGER_STEPS):
+        push = stiffness.slope(q).T @ (stiffness.nonuniformity(q, direction) * push_n)
+        force = supply.force(q, still, still) + push
+        need = maker.allocate(supply.actuation(q), force, maker.preferred_pa, wide=True).pressure_pa
+        more = [max(float(np.max((maker.minimum_pa - need)[one])), 0.0) for one in stiffness.chambers]
+        for of_link, common in zip(stiffness.chambers, more, strict=True):
+            need[of_link] += common
+        if not (need <= maker.maximum_pa).all():  # what is not finite is not less
+            break
+        q = q + stiffness.strain_by_common_pressure(q) @ more
     for of_link in stiffness.chambers:
-        low, high, need = maker.minimum_pa[of_link], maker.maximum_pa[of_link], wide[of_link]
-        need = need + max(float(np.max(low - need)), 0.0)
-        worst = int(np.argmax(need - high))
-        if not need[worst] <= high[worst]:  # what is not finite is not less
+        low, high, of = maker.minimum_pa[of_link], maker.maximum_pa[of_link], need[of_link]
+        worst = int(np.argmax(of - high))
+        if not of[worst] <= high[worst]:
             name = supply.arm.robot.chamber_names[of_link.start + worst]
             allowed = f"what {1e-3 * low[worst]:g} to {1e-3 * high[worst]:g} kPa make"
-            allowed = f"{allowed}; {name} would need {1e-3 * need[worst]:.0f} kPa"
+            allowed = f"{allowed}; {name} would need {1e-3 * of[worst]:.0f} kPa"
             got = f"{1e3 * np.linalg.norm(push_n):g} mN"
             raise ConfigError("press", "force", got, allowed)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from soro_core.arrays import Array
+from soro_core.control.control_monitor import deficit_text
 from soro_core.control.force.force_state import ForceLoopState, Phase
 from soro_core.control.force.press import Press
 from soro_core.control.force.pushed_tip import PushedTip, across, fade
@@ -47,7 +48,7 @@ def asked(state: ForceLoopState, wanted: Reference, given: Reference | None, dt:
         state = replaced(state, phase="approach")
     else:
         return state
-    return replaced(state, approach_s=0.0, is_unfelt=False, is_beyond=False)
+    return replaced(state, approach_s=0.0, is_unfelt=False, beyond="", missing_pa=None)
 
 
 def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt: float) -> ForceLoopState:
@@ -83,6 +84,14 @@ def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt
     assert state.tip is not None
     is_beyond = float(direction @ (tip + state.moved - state.tip)) > _MOST_AHEAD_M
     if is_beyond or approach_s > config.approach_s:
-        return replaced(state, phase="stopped", rate=np.zeros(3), is_beyond=is_beyond)
+        beyond = _beyond(push, state) if is_beyond else ""
+        return replaced(state, phase="stopped", rate=np.zeros(3), beyond=beyond)
     rate = back + config.approach_speed_m_s * direction
     return replaced(state, rate=rate, moved=state.moved + dt * rate)
+
+
+def _beyond(push: PushedTip, state: ForceLoopState) -> str:
+    """Return where a tip that does not follow is, and which chambers have no more pressure for it."""
+    where, names = "where the tip follows", push.stiffness.arm.robot.chamber_names
+    short = "" if state.missing_pa is None else deficit_text(names, state.missing_pa)
+    return f"{where} ({short})" if short else where

@@ -16,7 +16,7 @@ _PIECES = 4
 
 
 class StiffnessAtTip:
-    """Stiffness of the tip of one arm; chambers at constant pressure add nothing.
+    """Stiffness of the tip of one arm; without pressures, that of empty chambers.
 
     Attributes
     ----------
@@ -43,8 +43,7 @@ class StiffnessAtTip:
         k_p : ndarray (n_q, n_q)
             Feedback.
         """
-        slope = toward @ _slope(self.arm, q)
-        return float(slope @ np.linalg.solve(_stiffness(self.arm, q) + k_p, slope))
+        return float(toward @ _compliance(self.arm, q, None, k_p) @ toward)
 
     def nonuniformity(self, q: Array, toward: Array) -> float:
         """Return the compliance of links bent non-uniformly by a force at the tip, over that of uniform ones.
@@ -55,18 +54,41 @@ class StiffnessAtTip:
         toward : ndarray (3,)
             Direction of the force.
         """
+        fine, uniform = self._own(q, None), _compliance(self.arm, q, None)
+        return float((toward @ fine @ toward) / (toward @ uniform @ toward))
+
+    def compliances(self, q: Array, k_p: Array, pressure_pa: Array) -> tuple[Array, Array]:
+        """Return how far forces move the tip (3, 3) [m/N]: of the arm alone, and with feedback.
+
+        Parameters
+        ----------
+        q : ndarray (n_q,)
+            Coordinates of the reference.
+        k_p : ndarray (n_q, n_q)
+            Feedback, of the uniform strains that put the tip where it is.
+        pressure_pa : ndarray (n_u,)
+            Held in the chambers, whose areas change with the strains [Pa].
+        """
+        own, uniform = self._own(q, pressure_pa), _compliance(self.arm, q, pressure_pa)
+        held = np.linalg.pinv(uniform) @ _compliance(self.arm, q, pressure_pa, k_p)
+        return own, np.asarray(own @ held)
+
+    def _own(self, q: Array, pressure_pa: Array | None) -> Array:
+        """Return the compliance (3, 3) of links that bend non-uniformly."""
         if self._fine is None:
-            return 1.0
+            return _compliance(self.arm, q, pressure_pa)
         arm, spread = self._fine
-        fine, uniform = (toward @ _slope(one, x) for one, x in ((arm, spread @ q), (self.arm, q)))
-        nonuniform = fine @ np.linalg.solve(_stiffness(arm, spread @ q), fine)
-        return float(nonuniform / (uniform @ np.linalg.solve(_stiffness(self.arm, q), uniform)))
+        return _compliance(arm, spread @ q, pressure_pa)
 
     def by_common_pressure(self, q: Array) -> Array:
         """Return how far a common pressure of each link with chambers moves the tip (3, n) [m/Pa]."""
+        return np.asarray(_slope(self.arm, q) @ self.strain_by_common_pressure(q))
+
+    def strain_by_common_pressure(self, q: Array) -> Array:
+        """Return how it changes the coordinates (n_q, n) [1/Pa]."""
         actuation = self.arm.actuation_matrix(q)
         common = np.stack([actuation[:, one].sum(axis=1) for one in self.chambers], axis=1)
-        return np.asarray(_slope(self.arm, q) @ np.linalg.solve(_stiffness(self.arm, q), common))
+        return np.linalg.solve(_stiffness(self.arm, q), common)
 
     def slope(self, q: Array) -> Array:
         """Return the derivative (3, n_q) of the tip's position in the world."""
@@ -104,6 +126,13 @@ def _slope(arm: SoftArm, q: Array) -> Array:
     return np.asarray(pose[:3, :3] @ jacobian[3:])
 
 
-def _stiffness(arm: SoftArm, q: Array) -> Array:
-    """Return the derivative (n_q, n_q) of gravity and elastic force."""
-    return RestForces(arm, np.zeros(arm.n_u)).stiffness(q, outside=0.0)
+def _stiffness(arm: SoftArm, q: Array, pressure_pa: Array | None = None) -> Array:
+    """Return the derivative (n_q, n_q) of gravity, elastic force and that of the pressures, 0 without."""
+    held = np.zeros(arm.n_u) if pressure_pa is None else pressure_pa
+    return RestForces(arm, held).stiffness(q, outside=0.0)
+
+
+def _compliance(arm: SoftArm, q: Array, pressure_pa: Array | None, k_p: Array | float = 0.0) -> Array:
+    """Return the displacement of the tip by a force on it, (3, 3) [m/N]."""
+    slope = _slope(arm, q)
+    return np.asarray(slope @ np.linalg.solve(_stiffness(arm, q, pressure_pa) + k_p, slope.T))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,14 +26,14 @@ class RestForces:
         Gauge pressures [Pa].
     added_tip_mass : float
         Mass at the tip beside that of the robot [kg].
-    wrench : ndarray, optional
-        As in `SoftArm.forward_dynamics`, checked.
+    wrench : ndarray or callable, optional
+        As in `SoftArm.forward_dynamics`, checked; or a function of q that gives it.
     """
 
     arm: SoftArm
     pressure_pa: Array
     added_tip_mass: float = 0.0
-    wrench: Array | None = None
+    wrench: Array | Callable[[Array], Array] | None = None
 
     @property
     def outside(self) -> bool:
@@ -57,7 +58,8 @@ class RestForces:
         held = arm.external_forces(q).generalised if self.outside else np.zeros(arm.n_q)
         force -= outside * held
         if self.wrench is not None:
-            force -= pressures * (arm.external_forces(q, wrench=self.wrench).generalised - held)
+            wrench = self.wrench(q) if callable(self.wrench) else self.wrench
+            force -= pressures * (arm.external_forces(q, wrench=wrench).generalised - held)
         return np.asarray(force)
 
     def stiffness(self, q: Array, outside: float = 1.0) -> Array:

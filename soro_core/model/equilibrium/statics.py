@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -52,7 +53,7 @@ def equilibrium(
     added_tip_mass: float = 0.0,
     *,
     tension: ArrayLike | None = None,
-    wrench: ArrayLike | None = None,
+    wrench: ArrayLike | Callable[[Array], Array] | None = None,
 ) -> Array:
     """Coordinates at rest under constant pressures, creep and hysteresis relaxed; contact without friction.
 
@@ -71,8 +72,9 @@ def equilibrium(
         Mass at the tip beside that of the robot [kg].
     tension : array_like of shape (n_tendons,), optional
         Tensions of the tendons [N], 0 or more; `pressure` is then that of the chambers alone.
-    wrench : (6,) or (n_wrenches, 6), optional
-        Wrenches that turn with their sections, as in `SoftArm.forward_dynamics`; default none.
+    wrench : (6,) or (n_wrenches, 6) or callable, optional
+        Wrenches that turn with their sections, as in `SoftArm.forward_dynamics`; a function of q gives
+        others, like a force that is held in the world. Default none.
 
     Returns
     -------
@@ -188,7 +190,7 @@ def _forces(
     pressure: ArrayLike,
     added_tip_mass: float,
     tension: ArrayLike | None = None,
-    wrench: ArrayLike | None = None,
+    wrench: ArrayLike | Callable[[Array], Array] | None = None,
 ) -> RestForces:
     """Return what acts on an arm, of arguments that are allowed."""
     require(arm, SoftArm, "arm", "a SoftArm")
@@ -197,7 +199,7 @@ def _forces(
     if tension is not None:
         p = np.concatenate((p, finite(shaped(tension, (n,), "tension", name), "tension")))
     refuse_push(arm.robot, p, "pressure" if tension is None else "tension")
-    if wrench is not None:
+    if wrench is not None and not callable(wrench):
         finite(flat_wrench(arm.robot, wrench), "wrench")
         wrench = np.array(wrench, dtype=np.float64)
     least = 0.0 - arm.robot.tip_mass  # what is there may be taken away

@@ -101,6 +101,8 @@ class Recording:
         What the reader has assumed, a line each.
     load_kg : float
         Known mass at the tip during the run, beside that of the robot [kg].
+    push_n : tuple of float
+        Known force on the tip during the run, in the world [N].
     """
 
     name: str
@@ -118,6 +120,7 @@ class Recording:
     faults: tuple[OmittedSamples, ...] = ()
     notes: tuple[str, ...] = ()
     load_kg: float = 0.0
+    push_n: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def shapes(self) -> tuple[Shape, ...]:

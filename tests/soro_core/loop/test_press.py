@@ -136,6 +136,16 @@ def test_a_tip_that_meets_nothing_stops():
     assert last.command.tip_reference[0, 3] == pytest.approx(PLACE[0] - 0.003 - 0.01, abs=2e-4)
 
 
+def test_a_tip_that_pressures_take_no_further_names_the_chamber():
+    """The wall is out of reach: the approach ends at the limit of a chamber."""
+    scene = scene_with(approach_s=10.0, approach_speed_m_s=0.03)
+    far = with_changes(scene.twin.wall, point=(0.5, 0.0, 0.0))
+    scene = with_changes(scene, twin=with_changes(scene.twin, wall=far))
+    note = run(scene, 3.0, pressing(0.05))[3].command.status.note
+    assert "no contact where the tip follows (link0/chamber" in note
+    assert "kPa more than its limit" in note
+
+
 def test_forces_that_pressures_cannot_make_and_caps_below_the_friction_are_refused():
     scene = scene_with(platform="emulated_canopen")
     loop, dt = loop_of(scene), 1.0 / scene.rate_hz
@@ -150,6 +160,9 @@ def test_forces_that_pressures_cannot_make_and_caps_below_the_friction_are_refus
         plant = twin.step_setpoints(plant, command.setpoint_pa)
     with refused("force", names=("link0/chamber", "kPa")):
         loop.controller.press(state.controller, [3.0, 0.0, 0.0])
+    with refused("force", got="200 mN", names=("link0/chamber", "kPa")):
+        # The differences of pressure fit into the range, but not at the length that all of them make.
+        loop.controller.press(state.controller, [0.2, 0.0, 0.0])
     with refused("force", names=("finite", "1000 N")):
         loop.controller.press(state.controller, [1e200, 0.0, 0.0])  # whose square is infinite
     with refused("force", got="1 mN", names=("friction",)):

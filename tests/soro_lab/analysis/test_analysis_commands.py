@@ -34,6 +34,12 @@ def test_reach_writes_picture_and_numbers(soro, tmp_path):
     assert place["tip_m"] == pytest.approx(arm.pose(place["q"], arm.length)[:3, 3])
     softest = np.linalg.eigvalsh(place["compliance_m_n"])[-1]
     assert place["stiffness_n_m"][0] == pytest.approx(1.0 / softest)
+    low, high = written["stiffness_range_n_m"]["pressures"]
+    equal = [place["stiffness_n_m"][0] for place in written["ways"][-1]["places"]]
+    assert (low, high) == pytest.approx((equal[0], equal[-1]))
+    assert high > 1.5 * low
+    assert written["stiffness_range_n_m"]["force.stiffness_factor"] == pytest.approx((0.5 * low, 2.0 * high))
+    assert f"{0.5 * low:.3g} to {2.0 * high:.3g}" in result.output
     assert [mode["frequency_hz"] for mode in place["modes"]] == sorted(
         mode["frequency_hz"] for mode in place["modes"]
     )

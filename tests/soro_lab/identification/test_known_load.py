@@ -26,6 +26,7 @@ from soro_lab.identification.recording import Place, Plate
 from tests.refused import refused
 
 LOAD = 0.02
+PUSH_N = (-0.08, 0.0, 0.0)
 GUESS = plain(load_robot("tue_three_bellow"))
 
 
@@ -35,18 +36,24 @@ def scaled(scale):
     return with_numbers(GUESS, {"link0/gain": scale, **stiffness})
 
 
-def rests(robot, loads):
-    """What a tracker sees of the arm at levels of its pressures, without and with weights."""
+def held_in_the_world(arm, push_n):
+    return lambda q: np.append(np.zeros(3), arm.pose(q, arm.length)[:3, :3].T @ push_n)
+
+
+def rests(robot, loads, pushes=None):
+    """What a tracker sees of the arm at levels of its pressures, without and with weights or pushes."""
     draw, arm = np.random.default_rng(1), SoftArm(robot)
-    p = np.array(levels(robot.n_u, 50e3))[::2]
-    q = np.array([equilibrium(arm, row, None, load) for load in loads for row in p])
+    p, pushes = np.array(levels(robot.n_u, 50e3))[::2], pushes or [(0.0, 0.0, 0.0)] * len(loads)
+    both = [(load, push, row) for load, push in zip(loads, pushes, strict=True) for row in p]
+    q = np.array([equilibrium(arm, row, None, m, wrench=held_in_the_world(arm, f)) for m, f, row in both])
     poses = arm.poses(q, arm.length)
     n = len(poses)
     noise = Rotation.from_rotvec(draw.normal(0.0, 2e-3, (n, 3)))
     turns = (Rotation.from_matrix(poses[:, :3, :3]) * noise).as_quat()
     position = poses[:, :3, 3] + draw.normal(0.0, 1e-4, (n, 3))
     shape = Plate("tip", np.arange(n, dtype=float), Place(0), position, turns)
-    return Rests("rests", np.tile(p, (len(loads), 1)), (shape,), tuple(np.repeat(loads, len(p)).tolist()))
+    stated = tuple(np.repeat(loads, len(p)).tolist()), tuple(push for _, push, _ in both)
+    return Rests("rests", np.tile(p, (len(loads), 1)), (shape,), *stated)
 
 
 def fitted(case):
@@ -67,6 +74,15 @@ def test_one_known_weight_fixes_the_scale(scale):
     assert values["link0/gain"] == pytest.approx(scale, rel=0.04)
 
 
+@pytest.mark.parametrize("scale", [0.9, 1.1])
+def test_one_push_on_a_scale_fixes_it_too(scale, figure):
+    values, deviation = fitted(rests(scaled(scale), [0.0, 0.0], [(0.0, 0.0, 0.0), PUSH_N]))
+    found = values["link0/gain"] * values["link0/arm"] / scale
+    figure(f"gain after one known push: {100 * (found - 1):+.2f} %, deviation {100 * deviation:.2f} %")
+    assert deviation < 0.015
+    assert found == pytest.approx(1.0, rel=0.03)
+
+
 def test_without_it_the_deviation_says_that_the_scale_is_open():
     _, deviation = fitted(rests(scaled(0.9), [0.0]))
     assert deviation > 0.04
@@ -81,12 +97,24 @@ def test_a_run_is_simulated_with_its_weight():
     assert np.abs(with_load.q - Whole(made, dt=0.005).simulated(arm, {}).q).max() > 1e-2
 
 
+def test_a_run_is_simulated_with_its_push():
+    made = record(GUESS, hold_s=0.2)
+    arm, case = SoftArm(GUESS), Whole(replace(made, push_n=PUSH_N), dt=0.005)
+    first = case.simulated(arm, {}).q
+    balance = equilibrium(arm, made.pressure.values[0], wrench=held_in_the_world(arm, PUSH_N))
+    np.testing.assert_allclose(first[0], balance, atol=1e-9)
+    np.testing.assert_allclose(first[20], balance, atol=0.1)  # the readings are noisy
+    assert arm.pose(balance, arm.length)[0, 3] < -0.005
+
+
 def test_states_at_rest_have_the_weight_of_their_run():
     made = record(with_numbers(GUESS, {"link0/damping_b": 1e-7}), hold_s=2.5)
-    found = rests_of([replace(made, name="free"), replace(made, name="weight", load_kg=LOAD)])
+    loaded = replace(made, name="weight", load_kg=LOAD, push_n=PUSH_N)
+    found = rests_of([replace(made, name="free"), loaded])
     assert found is not None
     n = len(found.pressure) // 2
     assert found.load_kg == (0.0,) * n + (LOAD,) * n
+    assert found.push_n == ((0.0, 0.0, 0.0),) * n + (PUSH_N,) * n
 
 
 @pytest.mark.slow
@@ -117,8 +145,24 @@ def test_the_file_states_the_deviation_of_the_scale(tmp_path):
 def test_a_load_that_cannot_be_is_refused(text, names):
     made = replace(record(GUESS, hold_s=0.1), name="free")
     with refused("--known-load", names=names):
-        command._loaded([made], [text])
-    assert command._loaded([made], ["free=20g"])[0].load_kg == LOAD
+        command._loaded([made], [text], [])
+    assert command._loaded([made], ["free=20g"], [])[0].load_kg == LOAD
+
+
+@pytest.mark.parametrize(
+    ("text", "names"),
+    [
+        ("other=80mN,0,0", ("free", "RUN=FORCE")),
+        ("free=80mN", ("three",)),
+        ("free=0,0,0", ("not all 0",)),
+        ("free=8g,0,0", ("N",)),
+    ],
+)
+def test_a_push_that_cannot_be_is_refused(text, names):
+    made = replace(record(GUESS, hold_s=0.1), name="free")
+    with refused("--known-push", names=names):
+        command._loaded([made], [], [text])
+    assert command._loaded([made], [], ["free=-80mN,0mN,0mN"])[0].push_n == PUSH_N
 
 
 def test_the_command_takes_it(tmp_path, monkeypatch):
@@ -126,13 +170,13 @@ def test_the_command_takes_it(tmp_path, monkeypatch):
 
     seen = []
 
-    def load(recordings, texts):
-        seen.append(texts)
+    def load(recordings, loads, pushes):
+        seen.append((loads, pushes))
         raise ConfigError("test", "stop", "", "")
 
     monkeypatch.setattr(command, "_loaded", load)
     monkeypatch.setattr(command, "_read", lambda *given: [])
     words = ("tue_three_bellow", str(tmp_path), "--out", str(tmp_path / "new.yaml"))
-    more = ("--known-load", "weight=20g", "--known-load", "b=5g")
+    more = ("--known-load", "weight=20g", "--known-load", "b=5g", "--known-push", "c=1N,0N,0N")
     CliRunner().invoke(application(), ["identify", *words, *more])
-    assert seen == [["weight=20g", "b=5g"]]
+    assert seen == [(["weight=20g", "b=5g"], ["c=1N,0N,0N"])]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Protocol, TypeAlias
@@ -145,7 +145,8 @@ class Whole:
         if self.recording.load_kg:
             robot = arm.robot.replace(tip_mass=arm.robot.tip_mass + self.recording.load_kg)
             arm = SoftArm(robot, nodes=arm.nodes)
-        q0, internal = at_start(arm, self.name, equilibrium(arm, table[0, 0]), values)
+        push = held_push(arm, self.recording.push_n)
+        q0, internal = at_start(arm, self.name, equilibrium(arm, table[0, 0], wrench=push), values)
         result = simulate(
             arm,
             q0,
@@ -154,6 +155,7 @@ class Whole:
             integrator=_STEPPER,
             pressure=table,
             internal0=internal,
+            wrench=None if push is None else lambda _, state: push(state.q),
         )
         q, qd = np.asarray(result.q, float), np.asarray(result.qd, float)
         if len(q) != len(times) or not np.isfinite(q).all():
@@ -192,26 +194,46 @@ class Rests:
         What was seen; sample k belongs to state `t[k]`.
     load_kg : tuple of float
         Known mass at the tip in each state, beside that of the robot [kg]; () where there is none.
+    push_n : tuple of tuple of float
+        Known force on the tip in each state, in the world [N]; () where there is none.
     """
 
     name: str
     pressure: Array
     shapes: tuple[Shape, ...]
     load_kg: tuple[float, ...] = ()
+    push_n: tuple[tuple[float, float, float], ...] = ()
     block_s: float = field(default=1.0, init=False)
 
     def simulated(self, arm: SoftArm, values: Mapping[str, float]) -> ArmMotion:
         """Return the balances, each search started at the nearest state that was found."""
         q = np.zeros((len(self.pressure), arm.n_q))
         loads = self.load_kg or (0.0,) * len(q)
-        for k, (p, load) in enumerate(zip(self.pressure, loads, strict=True)):
-            near = int(np.argmin(np.linalg.norm(self.pressure[:k] - p, axis=1))) if k else 0
-            q[k] = equilibrium(arm, p, q[near] if k else None, load)
+        pushes = self.push_n or ((0.0, 0.0, 0.0),) * len(q)
+        for k, (p, load, push) in enumerate(zip(self.pressure, loads, pushes, strict=True)):
+            alike = [j for j in range(k) if pushes[j] == push]  # another push is too far a way
+            near = min(alike, key=lambda j: float(np.linalg.norm(self.pressure[j] - p)), default=None)
+            begin = None if near is None else q[near]
+            q[k] = equilibrium(arm, p, begin, load, wrench=held_push(arm, push))
         return ArmMotion(np.arange(len(q), dtype=np.float64), q, np.zeros_like(q))
 
     def coordinates(self, path: ArmMotion, frames: Mapping[str, float]) -> list[Array]:
         """Return the balance at each sample."""
         return [path.q[s.t.astype(int)] for s in self.shapes]
+
+
+def held_push(arm: SoftArm, push_n: Sequence[float]) -> Callable[[Array], Array] | None:
+    """Return the wrench of a force on the tip that is held in the world, as a function of q; None for none.
+
+    Parameters
+    ----------
+    arm : SoftArm
+    push_n : sequence of float
+        In the world [N].
+    """
+    if not any(push_n):
+        return None
+    return lambda q: np.append(np.zeros(3), push_n @ arm.pose(q, arm.length)[:3, :3])
 
 
 def _within(t: Array, intervals: Sequence[Interval]) -> NDArray[np.bool_]:

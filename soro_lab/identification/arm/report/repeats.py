@@ -71,8 +71,9 @@ def _of_shape(traces: Sequence[ShapeTrace]) -> Repeats:
             for trace, k in zip(traces, picked, strict=True)
         ]
     )
-    load = np.array([trace.recording.load_kg for trace in traces])  # a gram is another state
-    past = np.column_stack((1e3 * load[run], past))
+    load = np.array([(1e3 * trace.recording.load_kg, *trace.recording.push_n) for trace in traces])
+    load[:, 1:] *= 100.0  # a gram, or 10 mN, is another state
+    past = np.column_stack((load[run], past))
     begin = np.array([float(trace.recording.pressure.t[0]) for trace in traces])
     known = t + _HISTORY_S[0] >= begin[run] - 1e-9
     places = [trace.stream.motion().reshape(len(trace.stream.t), -1) for trace in traces]

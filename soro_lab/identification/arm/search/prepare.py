@@ -92,6 +92,7 @@ def rests_of(recordings: Sequence[Recording]) -> Rests | None:
     """All states at rest of all recordings; None where there are fewer than three."""
     pressure: list[Array] = []
     loads: list[float] = []
+    pushes: list[tuple[float, float, float]] = []
     rows: dict[str, list[tuple[int, Array, Shape]]] = {}
     still = still_limits(recordings)
     for recording in recordings:
@@ -101,13 +102,14 @@ def rests_of(recordings: Sequence[Recording]) -> Rests | None:
                 rows.setdefault(mean.stream, []).append((len(pressure), mean.value, by_name[mean.stream]))
             pressure.append(state.pressure.value)
             loads.append(recording.load_kg)
+            pushes.append(recording.push_n)
     if len(pressure) < 3 or not any(isinstance(r[0][2], Plate | Marker | Attitude) for r in rows.values()):
         return None
     shapes = tuple(
         _of_means(r[0][2], np.array([k for k, _, _ in r], float), np.array([v for _, v, _ in r]))
         for r in rows.values()
     )
-    return Rests("states at rest", np.array(pressure), shapes, tuple(loads))
+    return Rests("states at rest", np.array(pressure), shapes, tuple(loads), tuple(pushes))
 
 
 def _of_means(shape: Shape, t: Array, values: Array) -> Shape:

@@ -237,6 +237,13 @@ def test_help_keeps_units_and_has_no_broken_lines(soro):
     assert "ports are separated by commas. Give that" in out  # a whole line of the terminal
 
 
+def test_help_names_what_an_option_measures_and_no_default_where_there_is_none(soro):
+    _, out, _ = soro("move", "--help")
+    assert re.search(r"--speed +speed ", out)
+    assert re.search(r"--margin +length ", out)
+    assert "()" not in out
+
+
 def test_of_the_log_of_an_ended_node_the_errors_are_reported(tmp_path):
     log = tmp_path / "node.log"
     child = Child("node", None, log)

@@ -159,6 +159,7 @@ def test_the_automatic_numbers_of_law_adaptive_are_printed(soro):
             "links[0].damping",
             (),
         ),
+        ("robot: pulled.yaml\n", "robot", ("pulled, which has tendons", "a robot without")),
         ("- a\n- b\n", "FILE", ()),
         ("robot: [\n", "FILE", ("line 2, column 1",)),
     ],
@@ -166,6 +167,8 @@ def test_the_automatic_numbers_of_law_adaptive_are_printed(soro):
 def test_a_wrong_scene_is_one_line(soro, tmp_path, text, key, names):
     file = tmp_path / "scene.yaml"
     file.write_text(text)
+    tendons = "tendons: [{angle_rad: 0.0, offset_m: 0.01}]\n"
+    (tmp_path / "pulled.yaml").write_text("based_on: tue_three_bellow\nname: pulled\n" + tendons)
     status, _, err = soro("run", str(file), "--folder", str(tmp_path / "runs"))
     assert status == 2
     (line,) = err.splitlines()

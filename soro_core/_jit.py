@@ -80,7 +80,7 @@ class _Announcement(event.Listener):  # type: ignore[misc]
             return
         self.is_logged = True
         logging.getLogger("soro_core").warning(
-            "soro: compiling the model's kernels, once (a minute or two for all of them, cached in %s)",
+            "soro: compiling the model's kernels, once (some minutes of processor time, cached in %s)",
             numba_config.CACHE_DIR,
         )
 

@@ -6,6 +6,7 @@ theirs over topics; `soro trade`, the tests and the benchmarks close the loop wi
 
 from __future__ import annotations
 
+import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Generic, Protocol, TypeVar
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.errors import ModelError
+from soro_core.errors import ConfigError, ModelError
 from soro_core.model.checks import require
 
 if TYPE_CHECKING:  # a node needs one half only, and not the modules of the other
@@ -25,6 +26,9 @@ if TYPE_CHECKING:  # a node needs one half only, and not the modules of the othe
     from soro_core.control.probing.stamps import StampedPosition
     from soro_core.estimation import Estimate, Estimator, EstimatorState, ImuSample, PoseSample
     from soro_core.integrate import Status
+
+# Distance of the tip from a configured reference that is named, part of the arm's length; that of `soro run`.
+_REACH = 0.1
 
 
 class PlantObservation(Protocol):
@@ -206,11 +210,15 @@ class Loop:
             plant whose first tick is at 0, as that of the twin. A tick too late, and the estimate is a tick
             ahead of the arm.
 
+        A configured reference that the pressures cannot hold is named in the log.
+
         Raises
         ------
         ModelError
             If the plant fails.
         """
+        if reference is None:
+            _name_out_of_reach(self.controller)
         state, inner = plant.initial(), self.initial_state(before_s)
         setpoint: Array = np.zeros(self.controller.arm.n_u)
         under_way = deque([setpoint] * delay)
@@ -228,6 +236,15 @@ class Loop:
                 setpoint = command.setpoint_pa
             under_way.append(setpoint)
             yield Tick(k * dt, state, seen, estimate, command, spent)
+
+
+def _name_out_of_reach(controller: Controller) -> None:
+    from soro_core.control.reference_feasibility import check_reach
+
+    try:
+        check_reach(controller, _REACH)
+    except ConfigError as error:
+        logging.getLogger("soro_core").warning("%s", error)
 
 
 def _positions(poses: Sequence[PoseSample]) -> list[StampedPosition]:

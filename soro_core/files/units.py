@@ -264,9 +264,8 @@ def unit_option(
     quantity = Quantity(unit, lowest, highest, example)
 
     def read(text: str | float) -> float:
-        return (
-            quantity.number(text, "command line", flag) if isinstance(text, str) else text
-        )  # a number: the default
+        # a number: the default
+        return quantity.number(text, "command line", flag) if isinstance(text, str) else text
 
-    read.__name__ = _KINDS[unit][0]  # which the help shows
-    return typer.Option(flag, parser=read, **{"show_default": example, **rest})
+    shown = {"metavar": _KINDS[unit][0], "show_default": example or False}
+    return typer.Option(flag, parser=read, **{**shown, **rest})

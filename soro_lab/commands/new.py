@@ -77,6 +77,7 @@ def new(
     from rich.console import Console
     from rich.markup import escape
 
+    from soro_hardware.signals import raised
     from soro_lab.scaffold import ScaffoldOptions, new_arm, write_arm
 
     options = ScaffoldOptions(
@@ -93,7 +94,9 @@ def new(
         planar=planar,
         platform=platform,
     )
-    written = write_arm(new_arm(options), Path(name) if out is None else out, force, typer.echo)
+    folder = Path(name) if out is None else out
+    with raised([]):  # a signal leaves no half-made folder
+        written = write_arm(new_arm(options), folder, force, typer.echo)
     console = Console(stderr=True)
     for line in written.warnings:
         console.print(f"[yellow]{escape(line)}[/yellow]", soft_wrap=True)

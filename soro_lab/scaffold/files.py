@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import tempfile
+import secrets
+import shutil
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -145,11 +146,15 @@ def write_arm(
     say(f"{arm.name}: looking for a motion that its pressures hold, by the model; then come its files")
     try:
         ancestor = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-        with tempfile.TemporaryDirectory(dir=ancestor, prefix=".soro_new_") as made:
-            reference, warnings = _write(arm, Path(made), names)
+        made = ancestor / f".soro_new_{secrets.token_hex(4)}"
+        try:  # around the making too: a signal leaves nothing
+            made.mkdir()
+            reference, warnings = _write(arm, made, names)
             folder.mkdir(parents=True, exist_ok=True)
             for name in names:
-                (Path(made) / name).replace(folder / name)
+                (made / name).replace(folder / name)
+        finally:
+            shutil.rmtree(made, ignore_errors=True)
     except OSError as error:
         allowed = f"a folder that can be written to ({error.strerror})"
         raise ConfigError(WHERE, "--out", str(folder), allowed) from None

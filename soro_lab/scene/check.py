@@ -20,8 +20,8 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     Returns
     -------
     list of str
-        Lines for the user: ranges that are not used, faults after the end of the run, keys that limits or
-        regulators contradict.
+        Lines for the user: ranges that are not used, a base that moves, faults after the end of the run, keys
+        that limits or regulators contradict.
 
     Raises
     ------
@@ -35,9 +35,11 @@ def check_scene(scene: Scene, where: str) -> list[str]:
         arms = [(arm, check_scene(arm, _place(where, arm))) for arm in scene.each]
         return [f"{arm.prefix}{line}" for arm, lines in arms for line in lines]
     check_plant(scene, where)
+    moves = scene.twin.base_by_topic or scene.twin.base_shake.moves
     late = [fault for fault in scene.faults if fault.at >= scene.duration_s]
     return [
         *unused_range(scene),
+        *(["twin: the base moves; estimator and controller believe in one at rest"] if moves else []),
         *(f"{fault} at {fault.at:g} s: the run ends at {scene.duration_s:g} s" for fault in late),
         *(f"controller.{line}" for line in scene.controller_node().known_pressures(scene.loaded_platform)[1]),
     ]
@@ -90,7 +92,7 @@ def check_plant(scene: Scene, where: str) -> None:
         One line with file, key, what was found and what is allowed.
     """
     robot = scene.loaded_robot
-    require_chambers(robot, f"scene {scene.name}")
+    require_chambers(robot, where)
     if scene.loaded_platform is not None:
         _check_platform(scene, scene.loaded_platform, robot)
     check_model(scene, robot, where)

@@ -122,7 +122,7 @@ class SoroNode(NodeWithHandover, NodeWithParameters, LifecycleNode, Generic[Conf
 
         begin = time.monotonic()
         if kernels.none_is_compiled():
-            self.get_logger().info("compiling the model's kernels: up to a minute, cached afterwards")
+            self.get_logger().info("compiling the model's kernels: some minutes, cached afterwards")
         with compiling_once():
             warm_up()
         self.get_logger().info(f"kernels are ready after {time.monotonic() - begin:.1f} s")

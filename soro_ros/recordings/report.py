@@ -87,8 +87,8 @@ def summarise(recording: RunRecording, scene: Scene) -> Summary | None:
     reading = within(recording.reading, scene.duration_s).value
     reading = reading[np.isfinite(reading)]  # none of the chambers of a silent device
     again = enabled_again(recording, t)
-    settled = settling_time(t[again:], error[again:], SETTLED_PART_OF_LENGTH * length)
-    settled -= float(t[again]) if again else 0.0
+    begin_s = float(t[again]) if again else 0.0
+    settled = settling_time(t[again:] - begin_s, error[again:], SETTLED_PART_OF_LENGTH * length)
     return Summary(
         duration_s=float(t[-1]),
         tip_error_first_rms_m=_rms(error[first]),
@@ -252,11 +252,11 @@ def settling_time(t: Array, error: Array, bound: float) -> float:
     Returns
     -------
     float
-        Time [s]; NaN if the last error is not below the bound.
+        Time [s]; 0 if no error is beyond the bound; NaN if the last one is.
     """
     above = np.flatnonzero(error >= bound)
     if above.size == 0:
-        return float(t[0])
+        return 0.0
     return float(t[above[-1] + 1]) if above[-1] + 1 < t.size else float("nan")
 
 
@@ -343,7 +343,9 @@ def _settling(summary: Summary, scene: Scene) -> str:
     """Return the settling time as text; a run that was vented or interrupted has none."""
     if not _is_complete(summary.duration_s, summary.faults, scene):
         return "- (not run to its end)"
-    return f"{summary.settling_s:.2f} s" if np.isfinite(summary.settling_s) else "not within the run"
+    if not np.isfinite(summary.settling_s):
+        return "not within the run"
+    return f"{summary.settling_s:.2f} s" if summary.settling_s > 0.0 else "never beyond it"
 
 
 def _timing(summary: Summary, scene: Scene) -> list[tuple[str, str]]:

@@ -159,6 +159,7 @@ def test_the_automatic_numbers_of_law_adaptive_are_printed(soro):
             "links[0].damping",
             (),
         ),
+        ("robot: pulled.yaml\n", "robot", ("pulled, which has tendons", "a robot without")),
         ("- a\n- b\n", "FILE", ()),
         ("robot: [\n", "FILE", ("line 2, column 1",)),
     ],
@@ -166,6 +167,8 @@ def test_the_automatic_numbers_of_law_adaptive_are_printed(soro):
 def test_a_wrong_scene_is_one_line(soro, tmp_path, text, key, names):
     file = tmp_path / "scene.yaml"
     file.write_text(text)
+    tendons = "tendons: [{angle_rad: 0.0, offset_m: 0.01}]\n"
+    (tmp_path / "pulled.yaml").write_text("based_on: tue_three_bellow\nname: pulled\n" + tendons)
     status, _, err = soro("run", str(file), "--folder", str(tmp_path / "runs"))
     assert status == 2
     (line,) = err.splitlines()
@@ -235,6 +238,13 @@ def test_help_keeps_units_and_has_no_broken_lines(soro):
     assert "[Pa gauge]" in out
     _, out, _ = soro("emulate", "--help")
     assert "ports are separated by commas. Give that" in out  # a whole line of the terminal
+
+
+def test_help_names_what_an_option_measures_and_no_default_where_there_is_none(soro):
+    _, out, _ = soro("move", "--help")
+    assert re.search(r"--speed +speed ", out)
+    assert re.search(r"--margin +length ", out)
+    assert "()" not in out
 
 
 def test_of_the_log_of_an_ended_node_the_errors_are_reported(tmp_path):

@@ -1,12 +1,19 @@
 """`soro move`: the path that it sends, what it prints, and its exit status."""
 
 import contextlib
+import re
+import shlex
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
+from soro_core.control.reference.trajectory import Point
+from soro_core.planning.steps import finished
+from soro_lab.scene import load_scene
+from soro_lab.scene.loop import loop_of
 from soro_ros.commands import move
 from soro_ros.conversion import messages
 from soro_ros.run import motion_client as moving
@@ -140,6 +147,22 @@ def test_lines_splines_and_points_begin_where_the_tip_is_wanted(asked):
     _, one = asked("arc", "6", "7", "66", "11", "2", "66")
     assert one.path[[0, -1]] == pytest.approx(np.array([[1, 2, 66], [11, 2, 66]]))
     assert np.linalg.norm(one.path - [6, 2, 66], axis=1) == pytest.approx(np.full(len(one.path), 5.0))
+
+
+@pytest.mark.parametrize("page", ["motion.md", "first_scene.md"])
+def test_the_motions_of_a_page_are_planned_for_the_first_scene(asked, page):
+    text = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8")
+    commands = re.findall(r"^    soro move (.*)", text, re.MULTILINE)
+    control = loop_of(load_scene("track_circle")).controller
+    planner = control.planner(control.initial_state(), 0.005)
+    begin = Point(np.array([0.05, 0.0, 0.0]), np.zeros(3), np.zeros(3))
+    assert len(commands) >= 2
+    for command in commands:
+        ended, one = asked(*shlex.split(command, comments=True))
+        assert ended.status == 0, command
+        motion = finished(planner.plan(begin, 1e-3 * one.path, None, 0.0))
+        tip = control.arm.pose(motion.sample(motion.end_s).q, control.arm.length)[:3, 3]
+        assert 1e3 * tip == pytest.approx(one.path[-1], abs=0.2), command
 
 
 @pytest.mark.parametrize(

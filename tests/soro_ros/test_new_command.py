@@ -1,6 +1,9 @@
 """`soro new`: files of an arm that run at once; wrong use is one line."""
 
 import shutil
+import signal
+import subprocess
+import sys
 
 import pytest
 
@@ -8,9 +11,10 @@ from soro_core import load_robot
 from soro_core.errors import ConfigError
 from soro_lab.scaffold import files
 from soro_lab.scene import check_scene, load_scene
+from tests.patience import LIMIT_S
 from tests.refused import refused_keys
 from tests.soro_ros.in_process import tip_error_rms_m
-from tests.soro_ros.running import run, summary
+from tests.soro_ros.running import run, summary, wait_until
 
 ARMS = {
     "one": ("--length", "80mm", "--mass", "30g"),
@@ -88,6 +92,18 @@ def test_what_takes_long_is_said_before_it_begins(soro, tmp_path, monkeypatch):
     assert (status, len(err.splitlines())) == (2, 1)
     assert out == "arm: looking for a motion that its pressures hold, by the model; then come its files\n"
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.process
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_leaves_no_folder(tmp_path, number):
+    command = [sys.executable, "-m", "soro_ros.cli", "new", "arm", "--length", "80mm"]
+    process = subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.PIPE, text=True)
+    wait_until(lambda: any(tmp_path.glob(".soro_new_*")), "the half-made folder", every_s=0.001)
+    process.send_signal(number)
+    _, err = process.communicate(timeout=LIMIT_S)
+    assert (process.returncode, list(tmp_path.iterdir())) == (130, []), err
+    assert "Traceback" not in err
 
 
 def test_numbers_that_let_the_arm_fall_are_a_line(soro, tmp_path):

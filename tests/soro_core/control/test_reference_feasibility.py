@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
-from soro_core import load_robot
+from soro_core import Loop, load_robot
 from soro_core.config import find_config, parse
 from soro_core.control import Controller, ControllerConfig
 from soro_core.control.reference_feasibility import check_reach, tip_distance
+from soro_core.estimation import Estimator
+from soro_core.twin import Twin
 from tests.refused import refused
 
 
@@ -51,3 +53,12 @@ def test_the_distance_grows_with_the_bend():
     distances = [tip_distance(control, q) for q in bends]
     assert np.all(np.diff(distances) > -0.2e-3)
     assert distances[-1] > 20e-3
+
+
+@pytest.mark.parametrize(("bend", "named"), [(25.0, True), (4.0, False)])
+def test_a_loop_names_a_circle_out_of_reach_in_one_line(caplog, bend, named):
+    robot = load_robot("tue_three_bellow")
+    twin, loop = Twin(robot), Loop(Estimator(robot), controller(curvature_per_m=bend))
+    next(loop.run(twin, 1, twin.dt, before_s=-twin.dt))
+    lines = [one.getMessage() for one in caplog.records if "reference.curvature_per_m" in one.getMessage()]
+    assert [("mm away" in line, "\n" in line) for line in lines] == [(True, False)] * named

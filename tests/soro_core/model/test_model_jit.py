@@ -161,7 +161,7 @@ def test_compiling_is_told_once_and_finding_in_the_cache_is_not(tmp_path):
         )
         return done.stderr.strip().splitlines()
 
-    line = f"soro: compiling the model's kernels, once (a minute or two for all of them, cached in {tmp_path}"
+    line = f"soro: compiling the model's kernels, once (some minutes of processor time, cached in {tmp_path}"
     (told,) = said(False, tmp_path)
     assert told.startswith(line)
     assert said(False, tmp_path) == []

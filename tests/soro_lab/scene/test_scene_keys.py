@@ -6,7 +6,7 @@ from soro_core.estimation import EstimatorConfig
 from soro_core.run_keys import SHARED, Frames
 from soro_core.safety import Limits
 from soro_core.twin.config import TwinConfig, TwinSection
-from soro_lab.scene import Scene, load_scene
+from soro_lab.scene import Scene, check_scene, load_scene
 from tests.refused import refused
 
 DECIDED = sorted(TwinConfig.model_fields.keys() - TwinSection.model_fields.keys())
@@ -69,3 +69,9 @@ def test_noise_that_a_scene_states_of_its_sensors_is_that_of_the_filter():
     # A scene is written with the numbers that are used.
     written = load_scene("hanging_arm", keys).to_dict()
     assert written["estimator"]["pose"]["position_std_m"] == 3e-3
+
+
+@pytest.mark.parametrize("keys", [{"base_by_topic": True}, {"base_shake": {"amplitude_m": [0.01, 0.0, 0.0]}}])
+def test_a_base_that_moves_and_that_nobody_is_told_of_is_a_line(keys):
+    lines = [check_scene(load_scene("track_circle", {"twin": one}), "scene") for one in ({}, keys)]
+    assert lines == [[], ["twin: the base moves; estimator and controller believe in one at rest"]]

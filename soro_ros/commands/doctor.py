@@ -84,7 +84,7 @@ def doctor(
     if as_json:
         typer.echo(json.dumps([finding._asdict() for finding in findings], indent=2))
     else:
-        from soro_ros.commands.findings_table import show
+        from soro_ros.host.findings_table import show
 
         show(f"soro doctor {platform}", findings)
     if interrupted:

@@ -19,7 +19,7 @@ from soro_core.files.units import Quantity, unit_option
 from soro_hardware import signals
 from soro_hardware.timing import punctual
 from soro_lab.run_folder import new_folder
-from soro_ros.commands.findings_table import show, show_rows
+from soro_ros.host.findings_table import show, show_rows
 
 if TYPE_CHECKING:
     import numpy as np

@@ -27,7 +27,7 @@ from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import ExecutableInPackage, FindPackageShare
 from lifecycle_msgs.msg import Transition
 
-from soro_ros.run.arm_nodes import LAST, parameters_of, valves_command
+from soro_ros.process.arm_nodes import LAST, parameters_of, valves_command
 
 PACKAGE = "soro_ros"
 # The driver empties the chambers before it ends.

@@ -18,7 +18,18 @@ _LINE_S = 1.0
 
 
 class Grasper(NodeClient):
-    """Asks a hand to close or to open, and follows its reports; parameters as of `NodeClient`."""
+    """Asks a hand to close or to open, and follows its reports.
+
+    Parameters
+    ----------
+    caller : ServiceCaller
+    node : str
+        Full name of the hand.
+    limit_s : float
+        Longest wait for an answer or for progress [s].
+    say : callable
+        Takes one line of text.
+    """
 
     def __init__(self, caller: ServiceCaller, node: str, limit_s: float, say: Callable[[str], None]) -> None:
         super().__init__(caller, node, limit_s, say)

@@ -15,7 +15,7 @@ from soro_ros.nodes.estimator import EstimatorNode
 from soro_ros.nodes.regulator import RegulatorNode
 from soro_ros.nodes.twin import TwinNode
 from soro_ros.process import parameters
-from soro_ros.run.arm_nodes import parameters_of
+from soro_ros.process.arm_nodes import parameters_of
 from tests.soro_ros import launch_api as api
 
 ROOT = Path(__file__).parents[2]

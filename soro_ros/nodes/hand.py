@@ -69,9 +69,10 @@ class HandNode(SoroNode[HandNodeConfig]):
         self._waiting: dict[int, dict[str, JointState | PoseStamped]] = {}
         self._in_control_ns = dict.fromkeys(names, -1)
         self._stepped_ns = self._law_ns = self._epoch_ns = -1
-        self._sources = [f"{name}/{topic}" for name in names for topic in ("arm/state", "chambers/state")]
+        self._of_fingers = [f"{name}/{topic}" for name in names for topic in ("arm/state", "chambers/state")]
+        self._sources = list(self._of_fingers)
         sensor = qos.sensor(self._lockstep)
-        for source in self._sources:
+        for source in self._of_fingers:
             quality = qos.loop(self._lockstep) if source.endswith("arm/state") else sensor
             self.create_subscription(JointState, source, partial(self._on_message, source), quality)
         if config.tracked:
@@ -97,12 +98,17 @@ class HandNode(SoroNode[HandNodeConfig]):
         self._hand = self._hand.retuned(_keys(config))
         self._config = config
 
+    @property
+    def _missing(self) -> list[str]:
+        """Topics on which nothing has come."""
+        return [one for one in self._sources if one not in self._seen]
+
     # Inputs ----------------------------------------------------------------------------------------
     def _on_desired(self, name: str, message: PoseStamped) -> None:
         self._in_control_ns[name] = messages.to_ns(message.header.stamp)
 
     def _on_message(self, source: str, message: JointState | PoseStamped) -> None:
-        """Make a tick once each source has a newer message; in lockstep those of one time."""
+        """Make a tick once each finger has newer messages; in lockstep those of one time, of every source."""
         stamp_ns = messages.to_ns(message.header.stamp)
         if self._lockstep:
             # The twin may be a tick ahead of the estimators.
@@ -113,8 +119,10 @@ class HandNode(SoroNode[HandNodeConfig]):
             self._seen = self._waiting.pop(stamp_ns)
         else:
             self._seen[source] = message
-            stamps = [messages.to_ns(one.header.stamp) for one in self._seen.values()]
-            if len(stamps) < len(self._sources) or min(stamps) <= self._stepped_ns:
+            # A tracker that is silent must not keep the hand from opening.
+            fingers = [self._seen[one] for one in self._of_fingers if one in self._seen]
+            stamps = [messages.to_ns(one.header.stamp) for one in fingers]
+            if len(stamps) < len(self._of_fingers) or min(stamps) <= self._stepped_ns:
                 return
             stamp_ns = max(stamps)
         self._stepped_ns = stamp_ns
@@ -125,7 +133,7 @@ class HandNode(SoroNode[HandNodeConfig]):
         elif self._lockstep:
             self._ask(stamp_ns)
 
-    def _felt_now(self) -> Felt | None:
+    def _felt_now(self, stamp_ns: int) -> Felt | None:
         """What is measured; None where a finger has no estimate."""
         shapes: list[Array | None] = []
         pressures: list[Array] = []
@@ -142,15 +150,19 @@ class HandNode(SoroNode[HandNodeConfig]):
             shapes.append(None if self._config.by_pressure else np.array(state.position))
         if not np.isfinite(pressures).all():
             return None
-        height = None
-        if self._config.tracked:
-            pose = self._seen[self._config.tracked].pose
-            height = float(pose.position.z) if messages.is_pose(pose) else None
-        return Felt(pressures, shapes, height)
+        return Felt(pressures, shapes, self._height(stamp_ns))
+
+    def _height(self, stamp_ns: int) -> float | None:
+        """Height of the object [m]; None where nothing tracks it of late."""
+        seen = self._seen.get(self._config.tracked)
+        if seen is None or not messages.is_pose(seen.pose):
+            return None
+        age_s = 1e-9 * (stamp_ns - messages.to_ns(seen.header.stamp))
+        return float(seen.pose.position.z) if age_s < self._config.state_age_s else None
 
     # One tick --------------------------------------------------------------------------------------
     def _tick(self, stamp_ns: int, dt: float) -> None:
-        felt, without = self._felt_now(), self._without_control(stamp_ns)
+        felt, without = self._felt_now(stamp_ns), self._without_control(stamp_ns)
         if self._epoch_ns < 0 and not without:
             self._epoch_ns = stamp_ns
         self._t_s = 1e-9 * (stamp_ns - self._epoch_ns) if self._epoch_ns >= 0 else 0.0
@@ -159,11 +171,12 @@ class HandNode(SoroNode[HandNodeConfig]):
             self._closes, self._state = False, self._hand.squeeze.initial_state()
             self._report(VENTED, f"{without} is not in control: it lets go", WARN)
         elif felt is not None and not without and dt < self._config.state_age_s:
-            if self._closes_itself and self._t_s >= self._config.close_at_s:
+            is_due = self._closes_itself and self._t_s >= self._config.close_at_s
+            if is_due and not self._missing:
                 self._closes_itself, self._closes = False, True
             before = self._state
             self._state = self._hand.squeeze.step(before, felt, self._closes, dt)
-            self._judge(before)
+            self._judge(before, felt.height_m)
         if self._felt.get_subscription_count() or self._lockstep:
             self._felt.publish(self._state_message(stamp_ns))
         self._ask(stamp_ns)
@@ -173,7 +186,7 @@ class HandNode(SoroNode[HandNodeConfig]):
         oldest_ns = max(stamp_ns - round(1e9 * self._config.state_age_s), 0)
         return next((name for name, at_ns in self._in_control_ns.items() if at_ns < oldest_ns), "")
 
-    def _judge(self, before: SqueezeState) -> None:
+    def _judge(self, before: SqueezeState, height_m: float | None) -> None:
         """Report how the grasp goes."""
         state, limit_n = self._state, self._hand.keys.squeeze.limit_n
         if state.cause and not before.cause:
@@ -183,6 +196,8 @@ class HandNode(SoroNode[HandNodeConfig]):
         words, level = _WORDS[state.phase], WARN if state.phase == "slipping" else OK
         if state.phase not in ("open", "opening") and state.most_n >= limit_n:
             words, level = f"{words}, at the crush limit: {1e3 * limit_n:g} mN", WARN
+        if self._config.tracked and height_m is None and state.phase != "open":
+            words, level = f"{words}; nothing tracks the object", WARN
         is_due = state.phase != "open" and self._t_s >= self._reported_s + _REPORT_S
         if is_due or (state.phase, words) != self._reported:
             self._report(state.phase, words, level)
@@ -236,16 +251,16 @@ class HandNode(SoroNode[HandNodeConfig]):
             age_s = 1e-9 * (self.get_clock().now().nanoseconds - self._stepped_ns)
             if age_s > max(self._config.state_age_s, 1.0):
                 self._closes, self._state = False, self._hand.squeeze.initial_state()
-                self._report(LOST, f"nothing measured for {age_s:.1f} s", WARN)
+                self._report(LOST, f"nothing measured for {age_s:.1f} s: it lets go", WARN)
+                self._ask(self.get_clock().now().nanoseconds)
         values: dict[str, object] = {"phase": self._state.phase, "force_n": float(self._state.force_n.mean())}
         self.diagnostics.update(self.diagnostics.level, self.diagnostics.message, values)
 
     # Services --------------------------------------------------------------------------------------
     def _on_close(self) -> str:
         """Close, squeeze, and hold from then on."""
-        if self._stepped_ns < 0:
-            missing = [one for one in self._sources if one not in self._seen]
-            raise SoroError(f"nothing has come on {', '.join(missing) or 'all topics at once'}")
+        if self._stepped_ns < 0 or self._missing:
+            raise SoroError(f"nothing has come on {', '.join(self._missing) or 'all topics at once'}")
         if without := self._without_control(self._stepped_ns):
             raise SoroError(f"{without} is not in control: soro enable")
         self._closes, self._closes_itself = True, False

@@ -1,0 +1,80 @@
+"""A hand lets go when it is asked to, and by itself when nothing is measured, whatever else is silent."""
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import JointState
+
+from soro_ros.conversion import messages
+from soro_ros.nodes.hand import HandNode
+from tests.soro_ros.direct import active, captured, receive, request
+
+FINGERS, TRACKED = ("thumb", "index"), "bodies/ball/pose"
+DT_NS = 20_000_000
+
+
+class Fed:
+    """A hand in real time, the messages that it gets, and what it asks and says."""
+
+    def __init__(self, node):
+        self.node, self.now_ns = node, node.get_clock().now().nanoseconds - 60_000_000_000
+        self.asked = {name: captured(node, f"{name}/arm/reference/trajectory") for name in FINGERS}
+        self.said = captured(node, "hand/grasp")
+
+    def feed(self, ticks, tracked=True):
+        for _ in range(ticks):
+            self.now_ns += DT_NS
+            stamp = messages.to_time(self.now_ns)
+            if tracked:
+                pose = PoseStamped()
+                pose.header.stamp, pose.pose.orientation.w = stamp, 1.0
+                receive(self.node, TRACKED, pose)
+            for name, chambers, coordinates in zip(
+                FINGERS, self.node._chambers, self.node._coordinates, strict=True
+            ):
+                desired = PoseStamped()
+                desired.header.stamp = stamp
+                receive(self.node, f"{name}/arm/desired/tip", desired)
+                still = JointState(name=coordinates, position=np.zeros(len(coordinates)).tolist())
+                empty = messages.chambers(chambers, np.zeros(len(chambers)), self.now_ns)
+                still.header.stamp = stamp
+                receive(self.node, f"{name}/arm/state", still)
+                receive(self.node, f"{name}/chambers/state", empty)
+
+    def bends(self):
+        """Return the largest coordinate that each finger was asked for last."""
+        return [np.abs(asked[-1].points[0].positions).max() for asked in self.asked.values()]
+
+
+@pytest.fixture
+def hand(domain):
+    fingers = f"fingers:=[{', '.join(FINGERS)}]"
+    with active(HandNode, fingers, f"tracked:={TRACKED}") as node:
+        yield Fed(node)
+
+
+def test_a_hand_whose_tracker_is_silent_opens_when_it_is_asked_to(hand):
+    hand.feed(1, tracked=False)
+    assert f"nothing has come on {TRACKED}" in request(hand.node, "hand/close").message
+    hand.feed(2)
+    assert request(hand.node, "hand/close").success
+    hand.feed(20)
+    assert "tracks" not in hand.said[-1].message
+    hand.feed(40, tracked=False)
+    assert hand.said[-1].message.endswith("nothing tracks the object")
+    bent = min(hand.bends())
+    assert bent > 0.0
+    request(hand.node, "hand/open")
+    hand.feed(100, tracked=False)
+    assert hand.said[-1].name == "open"
+    assert max(hand.bends()) < 0.01 * bent
+
+
+def test_a_hand_that_hears_nothing_of_its_fingers_lets_go(hand):
+    hand.feed(2)
+    request(hand.node, "hand/close")
+    hand.feed(40)
+    bent = min(hand.bends())
+    hand.node.diagnose()
+    assert hand.said[-1].name == "lost"
+    assert max(hand.bends()) < 0.01 * bent

@@ -10,6 +10,7 @@ from typing import Any
 from soro_core.config import config_folder, find_config, parse, read_yaml, with_changes
 from soro_core.control.laws.registry import with_folder
 from soro_core.errors import ConfigError
+from soro_core.grasping.settings import HandKeys
 from soro_core.safety import check_rating, rating_of
 from soro_lab.scene.limits import default_limits
 from soro_lab.scene.scene import OF_RUN, Scene
@@ -100,14 +101,18 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
         whole = whole.with_keys(limits=limits)
     whole = whole.with_keys(arms=arms)
     if whole.hand is not None:
-        _check_hand(whole, where)
+        _check_hand(whole, whole.hand, where)
     return whole
 
 
-def _check_hand(scene: Scene, where: str) -> None:
-    """Refuse a hand of arms that differ, or whose controllers add a feedback to its pressures."""
+def _check_hand(scene: Scene, hand: HandKeys, where: str) -> None:
+    """Refuse a hand of arms that differ, that would wait for ever, or whose pressures a feedback changes."""
     if len(scene.arms) < 2:
         raise ConfigError(where, "arms", len(scene.arms), "two or more fingers of a hand")
+    tracked = [f"bodies/{name}/pose" for name in scene.bodies]
+    if scene.mode == "lockstep" and hand.tracked not in ("", *tracked):  # each tick waits for it
+        allowed = f"in lockstep a body of the scene: {', '.join(tracked) or 'it has none'}"
+        raise ConfigError(where, "hand.tracked", hand.tracked, allowed)
     for name, arm in scene.arms.items():
         gains = arm.controller.gains
         if arm.controller.adapt or any(one is None or any(one) for one in (gains.k_p, gains.k_d)):

@@ -102,6 +102,7 @@ def test_wrong_use_is_one_line(soro, arguments, names):
         ("controller.gains={k_p: [0.1, 0.1, 0.1], k_d: [0.0, 0.0, 0.0]}", ("thumb", "gains of 0")),
         ("hand.closing=[1.0, 0.0]", ("closing", "3 numbers")),
         ("hand.squeeze.force_n=1N", ("force_n = 1", "none above the next one")),
+        ("hand.tracked=bodies/bal/pose", ("hand.tracked", "bodies/ball/pose")),
         ("hand.touch_m=1.0", ("touch_m", "up to 0.064 m")),
     ],
 )

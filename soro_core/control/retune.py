@@ -103,7 +103,8 @@ def retune(
         new.check_way(state.law, start)
         if reach > 0.0:
             check_reach(new, reach)
-    after = replace(state, transfer=state.transfer.start())
+    # How far a pushed tip gives way is of the keys and gains of before.
+    after = replace(state, transfer=state.transfer.start(), force=replace(state.force, yields=None))
     if config.gains != controller.config.gains:  # other gains may swing no more
         after = replace(after, limit_cycle=no_limit_cycle(new.arm.n_q))
     return Retuned(new, after, moves, _from_now(new, state, t) if moves else None)

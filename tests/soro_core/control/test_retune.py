@@ -179,3 +179,11 @@ def test_gains_of_a_law_with_a_trial_wait_for_the_next_configure():
     state = replace(controller.initial_state(), point=None)
     with fails(ConfigError, "next configure", key="gains"):
         retune(controller, state, config(**lagless, gains=GAINS), 0.0)
+
+
+def test_a_pushed_tip_gives_way_by_the_stiffness_that_is_set_anew():
+    loop = Loop(force={"stiffness_factor": 0.5})
+    away = np.eye(3), np.eye(3)
+    loop.state = replace(loop.state, force=replace(loop.state.force, yields=away))
+    loop.retune(force={"stiffness_factor": 2.0})
+    assert loop.state.force.yields is None

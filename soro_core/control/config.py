@@ -282,7 +282,7 @@ class ControllerConfig(Strict):
         own = [name for name in ("compensation", "adaptation") if getattr(self, name) not in _DEFAULTS[name]]
         if self.law != "adaptive" and own:
             raise ValueError(
-                f"no {own[0]} beside law: {self.law}: it is a key of law: adaptive, to be stated"
+                f"no {own[0]} beside law: {self.law}: it needs law: adaptive, which is to be stated"
             )
         return self
 

@@ -34,8 +34,8 @@ class SqueezeSettings(Strict):
     rise_pa_s: float = Field(
         20e3,
         gt=0,
-        description="largest rate at which pressures rise in a slip: fingers that get longer than the object "
-        "sinks push it, and press harder meanwhile [Pa/s]",
+        description="largest rate at which pressures rise in a slip: fingers that get longer faster than the "
+        "object sinks push it, and press harder meanwhile [Pa/s]",
     )
     slip_m: float = Field(1e-3, gt=0, description="tracked slip for which force rises by a factor e [m]")
     blind_s: float = Field(3.0, gt=0, description="the same for one that is not tracked: a time [s]")

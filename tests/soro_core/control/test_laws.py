@@ -307,7 +307,7 @@ def test_shipped_files_are_of_a_law_and_its_keys_are_its_own():
         config(law="adaptive", law_options={"k_p": 1.0})
     with refused(""):
         config(law="tip_pid", compensation="measured")
-    with refused("", names=("law: adaptive, to be stated",)):
+    with refused("", names=("law: adaptive, which is to be stated",)):
         config(compensation="measured")  # no law is stated: it does not choose one
     assert config(law="tip_pid", compensation="reference").law == "tip_pid"  # the default, written out
 

@@ -67,8 +67,8 @@ class ForceControlConfig(Strict):
         None,
         ge=SOFTEST,
         le=STIFFEST,
-        description="stiffness of the tip against a contact, as a multiple of its own at the reference; "
-        "default: as the feedback of the law makes it",
+        description="stiffness of the tip against a contact, as a multiple of its own at the reference; an "
+        "arm that falls without feedback has none; default: as the law makes it",
     )
 
 

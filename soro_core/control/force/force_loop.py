@@ -143,10 +143,12 @@ class ForceLoop:
         if state.is_unfelt:
             what = "the tip is stopped" if state.phase == "stopped" else "nothing keeps it below the cap"
             return f"no estimate of the force: {what}"
-        if state.phase != "stopped":
-            return state.refusal
-        where = state.beyond or f"within {state.approach_s:.1f} s"
-        return f"no contact {where}: the tip is stopped"
+        if state.phase == "stopped":
+            where = state.beyond or f"within {state.approach_s:.1f} s"
+            return f"no contact {where}: the tip is stopped"
+        if state.yields is not None and not state.yields[0].any():
+            return "stiffness_factor does nothing: without feedback the arm falls, and has no stiffness"
+        return state.refusal
 
     def told(self, state: ForceLoopState) -> ExternalForce | None:
         """Return the estimated force as the law is told: what a tip presses on, or approaches, is no load."""

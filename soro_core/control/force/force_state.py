@@ -67,7 +67,7 @@ class ForceLoopState:
         f, f as the estimate is to show it, and z [N].
     yields : pair of ndarray (3, 3), or None
         How far the reference moves for the force that pushes the tip [m/N], and the covariance of such forces
-        about 0 [N^2]; None where nothing pushes it.
+        about 0 [N^2]; None where nothing pushes it. Zero for an arm without a stiffness of its own.
     pressure_pa : ndarray (n_u,)
         Measured pressures [Pa gauge].
     felt : ExternalForce or None

@@ -24,6 +24,8 @@ from soro_core.frozen import replaced
 _YIELD_S = 0.3
 # Displacement by the forces that may come, as a part of the length: their deviation in `likely_force`.
 _LARGEST_PART = 0.2
+# Part of the largest compliance that is no negative one.
+_ROUNDING = 1e-6
 
 
 def yielding(push: PushedTip, state: ForceLoopState, q: Array, dt: float) -> tuple[ForceLoopState, Array]:
@@ -45,7 +47,11 @@ def yielding(push: PushedTip, state: ForceLoopState, q: Array, dt: float) -> tup
         if state.yields is None:
             own, with_feedback = push.stiffness.compliances(q, push.k_p, state.pressure_pa)
             largest_n = _LARGEST_PART * push.stiffness.arm.length / float(np.linalg.norm(own, 2))
-            state = replaced(state, yields=(own / factor - with_feedback, largest_n**2 * np.eye(3)))
+            softest = np.linalg.eigvalsh(own + own.T)
+            # An arm that stands by its feedback alone would be moved against what pushes it.
+            falls = softest[0] < -_ROUNDING * np.abs(softest).max()
+            moves = np.zeros((3, 3)) if falls else own / factor - with_feedback
+            state = replaced(state, yields=(moves, largest_n**2 * np.eye(3)))
         assert state.yields is not None
         moves, before = state.yields
         goal = moves @ likely_force(felt.force_n, felt.covariance, before)

@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
+from soro_core import SoftArm, load_robot
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.config import with_changes
+from soro_core.control.force.force_loop import ForceLoop
+from soro_core.control.force.force_state import ForceLoopState
+from soro_core.control.force.impedance import yielding
+from soro_core.control.force.pushed_tip import PushedTip
+from soro_core.control.force.tip_stiffness import StiffnessAtTip
 from soro_core.control.motion_config import ForceControlConfig
 from soro_core.twin import Twin
 from soro_lab.scene import load_scene
@@ -64,6 +71,18 @@ def test_a_load_is_held_up_as_before():
     free, soft = (pushed(push_n=(0.0, 0.0, -0.2), **force)[3] for force in ({}, {"stiffness_factor": 0.5}))
     assert np.ptp(free[:, 2]) > 5e-3
     assert np.max(np.abs(soft - free)) < 1e-4
+
+
+def test_an_arm_that_stands_by_its_feedback_alone_has_no_stiffness_to_multiply():
+    """Its own compliance is negative: a softer tip would move against the push."""
+    arm = SoftArm(load_robot("six_link"))
+    config, still = ForceControlConfig(stiffness_factor=0.5), np.zeros(arm.n_q)
+    push = PushedTip(StiffnessAtTip(arm), config, np.zeros((arm.n_q, arm.n_q)))
+    felt = ExternalForce(np.array([0.02, 0.0, 0.0]), 1e-6 * np.eye(3), "contact")
+    state = ForceLoopState(still, still, felt=felt, pressure_pa=np.zeros(arm.n_u))
+    state, velocity = yielding(push, state, still, 0.005)
+    assert not velocity.any()
+    assert "stiffness_factor does nothing" in ForceLoop.note(state)
 
 
 def test_a_stiffness_that_the_loop_cannot_reach_is_refused():

@@ -64,7 +64,7 @@ def interfaces(name: str, node_class: Any, arguments: list[str]) -> dict[str, li
     middleware.init(sys.argv)
     node = node_class()
     common = {one.srv_name for one in node.services}
-    if name != "exciter":  # its plan, which it makes as it compiles, is needed; others only warm up
+    if name not in ("exciter", "hand"):  # what these make as they compile is needed; others only warm up
         node.compile = lambda warm_up: None
     node.trigger_configure()
     if node.failure is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -61,12 +62,14 @@ def least_stiffness(arm: SoftArm, force: Callable[[Array], Array], q: Array, k_p
     Returns
     -------
     float
-        Below 0 the arm leaves `q` by itself.
+        Below 0 the arm leaves `q` by itself; infinite where the forces are not finite.
     """
     from scipy.linalg import eigh  # imported here: a scene reads the keys of a learner without it
 
     steps, here = _STEP * scales_of(arm).q, force(q)
     change = np.array([(force(q + step) - here) / h for step, h in zip(np.diag(steps), steps, strict=True)]).T
+    if not np.isfinite(change).all():
+        return math.inf
     own = arm.stiffness_matrix(np.zeros(arm.n_q))
     return float(eigh(0.5 * (change + change.T) + k_p, own, eigvals_only=True)[0])
 

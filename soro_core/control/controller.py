@@ -21,7 +21,7 @@ from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.call import call_law, try_law
 from soro_core.control.laws.guard import refused
-from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, lowered, no_limit_cycle
+from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, no_limit_cycle, scaled_feedback
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.motions.motion import Planner
@@ -270,7 +270,7 @@ class Controller(GivenReferences):
             regulators = self.observer.observe(regulators, measured, dt, min(part, 1.0))
         inner, desired, terms = call_law(self.law, self.config.law, state.law, belief, ahead, dt)
         if part != 1.0:
-            terms, desired = lowered(terms, desired, part)
+            terms, desired = scaled_feedback(terms, desired, part)
         transfer, desired = apply_transfer(state.transfer, desired, dt)
         desired = desired + self.force_loop.push(force, ahead.ahead.q)
         place = self.law.place(belief, ahead)

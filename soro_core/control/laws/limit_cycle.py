@@ -212,11 +212,13 @@ class LimitCycleWatch:
         if is_far.any() and not (starts or has_jumped or is_pushed or is_short.any()):
             far_s = np.where(is_far, state.far_s + dt, 0.0)
         grows = np.max(far_s * is_out[: reference.size]) > _GROWS_S
-        if part > 1.0 and any(turned.tolist()) and stiffness() > _STANDS:
+        if part > 1.0 and any(turned[: reference.size].tolist()) and stiffness() > _STANDS:
             part, note = 1.0, ""
-        elif self.raises and part == 1.0 and grows and stiffness() < 0.0:
-            part, raised_s = _RAISED, t_s
-            note = f"the arm runs away: feedback raised to {part:.2g} times its gains"
+        elif self.raises and part == 1.0 and grows:
+            if stiffness() < 0.0:
+                part, raised_s = _RAISED, t_s
+                note = f"the arm runs away: feedback raised to {part:.2g} times its gains"
+            far_s = 0.0  # the stiffness takes as long as three ticks: it is not asked in each
         after = replaced(
             state,
             part=part,
@@ -237,7 +239,7 @@ class LimitCycleWatch:
         return _turned(after, turned, signal, feedback, shortest_s) if any(turned.tolist()) else after
 
 
-def lowered(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
+def scaled_feedback(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
     """Return terms and desired force of a law with its feedback times a factor.
 
     Parameters

@@ -9,7 +9,7 @@ import pytest
 
 from soro_core import SoftArm, robot_from_dict
 from soro_core.control.laws import limit_cycle
-from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, lowered, no_limit_cycle
+from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, no_limit_cycle, scaled_feedback
 from soro_core.control.laws.protocol import ArmBelief
 from soro_core.errors import ConfigError
 
@@ -121,17 +121,17 @@ def test_lowered_feedback_is_that_of_the_terms():
         "proportional": 2.0 * np.ones(N),
         "derivative": 4.0 * np.ones(N),
     }
-    left, desired = lowered(terms, 7.0 * np.ones(N), 0.25)
+    left, desired = scaled_feedback(terms, 7.0 * np.ones(N), 0.25)
     np.testing.assert_allclose(desired, 1.0 + 1.5)
     np.testing.assert_allclose(left["model"] + left["proportional"] + left["derivative"], desired)
-    assert lowered({"model": desired}, desired, 0.25)[1] is desired  # terms without feedback
+    assert scaled_feedback({"model": desired}, desired, 0.25)[1] is desired  # terms without feedback
 
 
 @pytest.mark.parametrize("terms", [{}, dict.fromkeys(limit_cycle.FEEDBACK, 1.0)])
 def test_a_law_that_does_not_tell_its_feedback_by_coordinate_is_not_watched(terms):
     state = no_limit_cycle(N)
     assert WATCH.step(state, AskedForce(terms, BY_Q, np.zeros(3), None), BY_Q, None, 0.005) is state
-    assert lowered(terms, BY_Q, 0.5) == (terms, BY_Q)
+    assert scaled_feedback(terms, BY_Q, 0.5) == (terms, BY_Q)
 
 
 def test_an_arm_without_units_is_not_watched(monkeypatch):

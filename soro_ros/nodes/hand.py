@@ -117,6 +117,7 @@ class HandNode(SoroNode[HandNodeConfig]):
             if len(together) < len(self._sources):
                 return
             self._seen = self._waiting.pop(stamp_ns)
+            self._waiting = {ns: one for ns, one in self._waiting.items() if ns > stamp_ns}
         else:
             self._seen[source] = message
             # A tracker that is silent must not keep the hand from opening.

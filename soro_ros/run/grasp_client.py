@@ -46,6 +46,8 @@ class Grasper(NodeClient):
         """
         try:
             status = self._ask("close") or self._until("holding")
+            if status and not self.ended:  # it has fallen silent, but may listen
+                self._ask("open")
             if status or hold_s is None:
                 return status
             status = self._hold(hold_s)

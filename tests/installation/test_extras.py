@@ -90,6 +90,7 @@ def commands(bag):
         ("soro", "hil", "first-pressure", canopen): {"hardware"},
         ("soro", "board", "soro_board", "--check"): {"board"},
         ("soro", "vent"): {"ros"},
+        ("soro", "grasp"): {"ros"},
         ("soro", "reset"): {"ros"},
         ("soro", "enable"): {"ros"},
         ("soro", "move", "to", "0", "0", "66"): {"ros"},

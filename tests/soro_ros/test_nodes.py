@@ -2,6 +2,7 @@
 
 import contextlib
 import functools
+import itertools
 import signal
 import subprocess
 import sys
@@ -534,6 +535,34 @@ def test_a_node_that_stops_its_diagnostics_is_an_error(domain, monkeypatch, sile
             with pytest.raises(NodeError) as told:
                 supervisor.check_silence(["recorder", "controller"])
             assert told.value.name == "controller"
+        node.destroy_node()
+
+
+def test_nodes_live_while_the_clock_of_lockstep_goes_on(domain, monkeypatch):
+    monkeypatch.setattr(supervisor_module, "SILENT_S", 0.5)
+    with RunMonitor("alone") as supervisor:
+        node = Node("controller", namespace="alone")
+        diagnostics, clock = Diagnostics(node), node.create_publisher(Clock, "/clock", 10)
+
+        def heard() -> bool:
+            diagnostics.publish()
+            supervisor.spin(0.02)
+            return "controller" in supervisor.status
+
+        wait_until(heard, "status")
+        silent_s = time.monotonic()
+        for tick in itertools.count(1):
+            clock.publish(Clock(clock=messages.to_time(tick * 10**7)))
+            supervisor.spin(0.02)
+            supervisor.check_silence(["controller"])
+            if time.monotonic() > silent_s + 0.8:
+                break
+        until = time.monotonic() + 0.7
+        while time.monotonic() < until:
+            clock.publish(Clock(clock=messages.to_time(tick * 10**7)))  # the clock stands still
+            supervisor.spin(0.02)
+        with pytest.raises(NodeError):
+            supervisor.check_silence(["controller"])
         node.destroy_node()
 
 

@@ -25,6 +25,7 @@ from soro_core.estimation.force.average import (
     axes_of,
     covariance_of,
 )
+from soro_core.estimation.force.before import Before, Reading, kept, read
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
@@ -48,8 +49,6 @@ _INERTIA = 0.5
 # Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
 # [rad/s].
 _MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
-# A force is seen up to two of these times after it has begun to teach [s].
-_PAST_S = 0.2
 # Part of a new position in the mean of their scatter.
 _SCATTER_PART = 0.05
 
@@ -79,14 +78,6 @@ class Seen(NamedTuple):
     internal: Array
 
 
-class Before(NamedTuple):
-    """What was known a while ago [s]: the load [kg], and coordinates."""
-
-    age_s: float
-    mass_kg: float
-    q: Array
-
-
 class ForceState(NamedTuple):
     """What is kept between two estimates.
 
@@ -114,8 +105,7 @@ class ForceState(NamedTuple):
     average, of_any : Average or None
         That of its force, as of a push; and the same as of a push or a load.
     past : tuple of `Before`
-        What was known up to two times `_PAST_S` before now, or before the present force from outside, oldest
-        first.
+        What was known up to 0.4 s before now, or before the present force from outside, oldest first.
     speed : ndarray (3,) or None
         Velocity of the tip behind a slow low-pass [m/s].
     acceleration : float
@@ -125,6 +115,8 @@ class ForceState(NamedTuple):
         What holds the arm from outside, for the filter; None while it is free.
     external : ExternalForce or None
         The estimate; None before the first.
+    reading : Reading or None
+        What was known before the present force, read for the arm that it bends; None while it is free.
     """
 
     due_s: float = -math.inf
@@ -145,6 +137,7 @@ class ForceState(NamedTuple):
     stage: StageState = StageState()
     held: TipHold | None = None
     external: ExternalForce | None = None
+    reading: Reading | None = None
 
     def begun_anew(self, due_s: float) -> ForceState:
         """Return the state without an estimate; what was touched, and the sensor, may be the same."""
@@ -221,15 +214,17 @@ class ForceObserver:
         dt, theta = state.passed_s - start_s, self._nothing
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
-        state = state._replace(past=_past(state, float(theta[0]), dt))
-        bent = np.zeros(self.arm.n_q)
-        if state.stage.stage != "free" and state.past:
+        bent, modulus = np.zeros(self.arm.n_q), 1.0
+        if state.stage.stage == "free":
+            state = state._replace(past=kept(state.past, theta, state.q, dt), reading=None)
+        elif state.past:
             # What is learned as a load since then may be the push.
-            theta = np.concatenate([[state.past[0].mass_kg], theta[1:]])
-            bent = q - state.past[0].q
+            reading = state.reading or read(self.force, state.past[0], self.config.model_std_pa)
+            state = state._replace(reading=reading)
+            theta, modulus, bent = reading.theta_of(theta), reading.modulus, q - state.past[0].q
         losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), measured.qd)
         measured = measured._replace(force=measured.force + losses)
-        balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
+        balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q, modulus)
         if balance is None:
             return state.begun_anew(state.due_s)
         noise = self._noise(balance, state)
@@ -380,16 +375,6 @@ def _part_of(rate: float, dt: float) -> float:
 def _emptied(average: Average | None) -> Average | None:
     """Return an average that begins at no force."""
     return None if average is None else average._replace(force_n=np.zeros(3))
-
-
-def _past(state: ForceState, mass_kg: float, dt: float) -> tuple[Before, ...]:
-    """Return what was known, with what is known now while nothing pushes."""
-    if state.stage.stage != "free":
-        return state.past
-    kept = tuple(one._replace(age_s=one.age_s + dt) for one in state.past)
-    if state.q is None or (kept and kept[-1].age_s < _PAST_S):
-        return kept
-    return (*kept[-1:], Before(0.0, mass_kg, state.q))
 
 
 def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:

@@ -148,11 +148,14 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
 
     is_gone = (left(*fast) if still_n else fast_size) < _FORCE and left(*slow) < _NO_FORCE
     gone_s = state.gone_s + dt if is_gone else 0.0
-    no_load_s = state.no_load_s + dt if rest > _NO_LOAD else 0.0
+    likelier = _likelier(*told, gravity)
+    # A push that a load would explain as well, but is far likelier; a load that swings may look like one.
+    is_push = _likelier(told[0], told[1] + aside, gravity) < -_LIKELIER
+    no_load_s = state.no_load_s + dt if rest > _NO_LOAD or is_push else 0.0
     # Without the doubt by the swing, in which everything is a load.
-    is_load = _rest(*told, gravity, load_kg) < _A_LOAD
+    is_load = not is_push and _rest(*told, gravity, load_kg) < _A_LOAD
     load_s = state.load_s + dt if is_load else 0.0
-    likelier_s = state.likelier_s + dt if is_load and _likelier(*told, gravity) > _LIKELIER else 0.0
+    likelier_s = state.likelier_s + dt if is_load and likelier > _LIKELIER else 0.0
     stage, left_s = state.stage, max(state.left_s - dt, 0.0)
     if stage == "free" and force_s > _FORCE_S + 0.5 * dt:
         stage, no_load_s, load_s, likelier_s, left_s = "outside force", 0.0, 0.0, 0.0, 0.0

@@ -1,10 +1,30 @@
-"""Frozen dataclasses with other values, for states that change with each tick."""
+"""Frozen dataclasses for states that change with each tick: made, also with other values, in less time."""
 
 from __future__ import annotations
 
+from dataclasses import fields
+from functools import update_wrapper
 from typing import Any, TypeVar
 
 Frozen = TypeVar("Frozen")
+
+
+def quick(made: type[Frozen]) -> type[Frozen]:
+    """Let a frozen dataclass fill its objects in a third of the time, past the lock of its fields.
+
+    Parameters
+    ----------
+    made : dataclass
+        Of a class without slots, `__post_init__` and default factories.
+    """
+    names = [field.name for field in fields(made)]  # type: ignore[arg-type]
+    lines = [f"def fill(self, {', '.join(names)}):", " _made = self.__dict__"]
+    scope: dict[str, Any] = {}
+    exec("\n".join(lines + [f" _made[{name!r}] = {name}" for name in names]), scope)
+    fill = update_wrapper(scope["fill"], made.__init__)
+    fill.__defaults__ = made.__init__.__defaults__
+    made.__init__ = fill
+    return made
 
 
 def replaced(before: Frozen, /, **changes: Any) -> Frozen:

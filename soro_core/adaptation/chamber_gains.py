@@ -107,13 +107,17 @@ class ChamberModel:
         growth = np.exp(values[self.link.size :][self.link] * strain)
         return np.asarray(np.minimum(np.maximum(growth, 1.0 / _MOST_GROWTH), _MOST_GROWTH))
 
-    def tangent(self, values: Array, q: Array, acting_pa: Array) -> tuple[Array, Array]:
-        """Return the tangent of `force` at `values`: where they are 0 (n_q,), and its change (n_q, size)."""
+    def tangent(self, values: Array, q: Array, whole: Array) -> tuple[Array, Array]:
+        """Return the tangent of `force` at `values`: where they are 0 (n_q,), and its change (n_q, size).
+
+        `whole` (n_q, n_u) is the force of each chamber by the file, H p column by column.
+        """
         n, strain = self.link.size, self.fibre @ q
-        growth, whole = self._growth(values, strain), self.arm.actuation_matrix(q) * acting_pa
+        growth = self._growth(values, strain)
         by_gain = -growth * whole
         by_slope = by_gain * ((1.0 + values[:n]) * strain)
-        change = np.concatenate([by_gain, by_slope @ self._of_link], axis=1)
+        change = np.empty((q.size, self.size))
+        change[:, :n], change[:, n:] = by_gain, by_slope @ self._of_link
         force = whole.sum(axis=1) + by_gain @ (1.0 + values[:n])
         return force - change @ values, change
 
@@ -134,11 +138,8 @@ class ChamberModel:
         """
         places = np.array([q, *(q + self._steps)])
         acts_pa = (1.0 - self.factor(values, places)) * acting_pa
-        here, *moved = (self.arm.actuation_matrix(x) @ p for x, p in zip(places, acts_pa, strict=True))
-        by_q = np.empty((q.size, q.size))
-        for k, there in enumerate(moved):
-            by_q[:, k] = there - here
-        return here, by_q / self.step
+        here, *moved = (self.arm.actuation_matrices(places) @ acts_pa[:, :, None])[:, :, 0]
+        return here, np.stack([there - here for there in moved], axis=1) / self.step
 
     @cached_property
     def _steps(self) -> Array:

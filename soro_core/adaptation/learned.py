@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from soro_core.adaptation.scales import Scales
-from soro_core.arrays import Array
+from soro_core.arrays import Array, all_finite
+from soro_core.frozen import quick
 
 
 def first_damping(n_q: int) -> int:
@@ -16,6 +17,15 @@ def first_damping(n_q: int) -> int:
     return 1 + n_q * (n_q + 1)
 
 
+def weights_of(q: Array, force: Array, by_q: Array, scales: Scales) -> Array:
+    """Return W (n_q, n_q + 1) of a force (n_q,) at q (n_q,), and its change (n_q, n_q) by q."""
+    weights = np.empty((q.size, q.size + 1))
+    weights[:, 0] = (force - by_q @ q) / scales.force  # at the origin
+    weights[:, 1:] = by_q * scales.q / scales.force[:, None]
+    return weights
+
+
+@quick
 @dataclass(frozen=True)
 class Learned:
     """The learned model theta.
@@ -54,18 +64,20 @@ class Learned:
         theta, own, doubt = self.theta, self.own, self.doubt
         if theta.shape != (size,) or (own is not None and own.shape != (size,)):
             return False
-        if not all(part is None or np.isfinite(part).all() for part in (own, doubt)):
+        if not all(part is None or all_finite(part) for part in (own, doubt)):
             return False
         # The sum of squares says yes at once; it is infinite too where finite values are very large.
         return math.isfinite(theta @ theta) or all(map(math.isfinite, theta.tolist()))
 
     def with_force(self, q: Array, force: Array, by_q: Array, scales: Scales) -> Learned:
-        """Return it with a force (n_q,) at coordinates q (n_q,), and its change (n_q, n_q) by them, in W."""
-        found = Learned(self.theta.copy())
-        weights = found.weights(q.size)
-        weights[:, 0] += (force - by_q @ q) / scales.force  # at the origin
-        weights[:, 1:] += by_q * scales.q / scales.force[:, None]
-        return found
+        """Return it with the W of a force; parameters as of `weights_of`."""
+        return self.with_weights(weights_of(q, force, by_q, scales))
+
+    def with_weights(self, weights: Array) -> Learned:
+        """Return it with others (n_q, n_q + 1) added to W."""
+        theta = self.theta.copy()
+        theta[1 : 1 + weights.size] += weights.ravel()
+        return Learned(theta)
 
     def scaled(self, share: float) -> Learned:
         """Return this part of it."""

@@ -200,6 +200,7 @@ class Learner:
         covariance = np.array(sample.covariance, order="C")
         of_force, size = np.ascontiguousarray(regressor[:, : self.force.size]), self.force.size
         scales, unmodelled = self.force.scales, sample.unmodelled or self._nothing
+        made = np.empty((self.arm.n_u, n)), np.empty(self.arm.n_u)
         code = show(
             self._box,
             (
@@ -214,6 +215,7 @@ class Learner:
             (scales.force, scales.q, self.force.damping.number, self.force.damping.matrix),
             part,
             (residual, of_force),
+            made,
         )
         if code == NOT_FINITE:
             note = "a sample, or its force, that is not finite: not learned"
@@ -222,8 +224,9 @@ class Learner:
             raise fault(code, sample.q, sample.qd)
         if is_first and state.waited_s < _WAIT_S and self._doubtful(covariance):
             return replace(state, rate=sample.qd, waited_s=state.waited_s + dt, note="")
-        acting_pa = self.arm.acting_pressure(sample.pressure_pa)
-        beyond, of_chambers = self.chambers.tangent(state.chambers, sample.q, acting_pa)
+        actuation, acting_pa = made
+        whole = np.ascontiguousarray(actuation.T) * acting_pa
+        beyond, of_chambers = self.chambers.tangent(state.chambers, sample.q, whole)
         residual -= part * beyond / scales.force
         regressor[:, :size] = of_force
         regressor[:, size:] += part * (of_chambers / scales.force[:, None] - regressor[:, size:])

@@ -9,8 +9,10 @@ import numpy as np
 from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.scales import Scales
 from soro_core.arrays import Array
+from soro_core.frozen import quick
 
 
+@quick
 @dataclass(frozen=True)
 class NonuniformForce:
     """Error of the generalised force of constant strains at rest, about coordinates and a mass at the tip.

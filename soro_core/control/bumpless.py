@@ -8,11 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from soro_core.arrays import Array
+from soro_core.frozen import quick
 
 # Time constant with which the difference of the two laws ends [s].
 FADE_S = 0.3
 
 
+@quick
 @dataclass(frozen=True)
 class BumplessTransfer:
     """From one law to the next.

@@ -22,6 +22,7 @@ from soro_core.control.probing.procedure import ProbeState
 from soro_core.control.reference.active_reference import ActiveReference
 from soro_core.control.reference.trajectory import Hold, Point
 from soro_core.control.reference.underactuation import UnderactuatedState
+from soro_core.frozen import quick
 from soro_core.model import SoftArm
 
 
@@ -84,6 +85,7 @@ class ControllerState:
     elongation: ElongationChoice | None = None
 
 
+@quick
 @dataclass(frozen=True)
 class ControllerStatus:
     """Whether the law gave the command.
@@ -103,6 +105,7 @@ class ControllerStatus:
     note: str = ""
 
 
+@quick
 @dataclass(frozen=True)
 class Command:
     """Output of one tick.

@@ -22,6 +22,7 @@ from soro_core.adaptation.scales import q_scale_of
 from soro_core.arrays import Array
 from soro_core.control.kernel import nonuniform_strain as kernel
 from soro_core.control.reference.trajectory import Point
+from soro_core.frozen import quick
 from soro_core.model import SoftArm
 from soro_core.model.checks import fault
 from soro_core.model.dynamics import GOOD, SINGULAR
@@ -35,6 +36,7 @@ _STEPS = 5
 _ROUND_OFF = 1e-9
 
 
+@quick
 @dataclass(frozen=True)
 class NonuniformStrainState:
     """What is kept from tick to tick.

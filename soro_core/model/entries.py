@@ -193,8 +193,9 @@ def elastic_regressor(box: Box, q: Array, Y: Array) -> None:
 
 @entry
 def actuation(box: Box, q: Array, gradients: Array) -> None:
-    """gradients <- H', generalised force per pressure, a row each chamber (n_u, n_q)."""
-    chambers.actuation(view(box).tables, q, gradients)
+    """gradients <- H', generalised force per pressure, a row each chamber (n, n_u, n_q), at q (n, n_q)."""
+    for k in range(q.shape[0]):
+        chambers.actuation(view(box).tables, q[k], gradients[k])
 
 
 @entry

@@ -153,9 +153,18 @@ class SoftArm(ForwardDynamics):
         Constant without area_slope, and where a straight tendon meets neither torsion nor shear.
         """
         q, _ = self._state(self._no_velocity if q is None else q)
-        gradients = np.empty((self.n_u, self.n_q))
-        entries.actuation(self._box, q, gradients)
-        return np.ascontiguousarray(gradients.T)
+        return self._actuation(q.reshape(1, -1))[0]
+
+    def actuation_matrices(self, q: ArrayLike) -> Array:
+        """H (m, n_q, n_u) as `actuation_matrix` gives each, of finite coordinates (m, n_q)."""
+        rows = shaped(q, (len(q), self.n_q), "q", self.robot.name)  # type: ignore[arg-type]
+        finite(rows.ravel(), "q")
+        return self._actuation(rows)
+
+    def _actuation(self, rows: Array) -> Array:
+        gradients = np.empty((len(rows), self.n_u, self.n_q))
+        entries.actuation(self._box, rows, gradients)
+        return np.ascontiguousarray(gradients.transpose(0, 2, 1))
 
     def pressure_force(self, q: ArrayLike, p: ArrayLike) -> Array:
         """Generalised force (n_q,) of p (n_u,), as in `forward_dynamics`: H times the effective pressures."""

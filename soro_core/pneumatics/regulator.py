@@ -236,4 +236,4 @@ def _follow(model: RegulatorModel, pressure: Array, target: Array, dt: float) ->
 
 
 def _quantise(value: Array, resolution: float) -> Array:
-    return np.round(value / resolution) * resolution if resolution > 0 else value
+    return np.rint(value / resolution) * resolution if resolution > 0 else value

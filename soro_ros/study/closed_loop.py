@@ -111,7 +111,8 @@ def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
             first = first or k + 1
             t_s = 1e-9 * ((k + 1 - first) * period_ns)
             places = [
-                StampedPosition(p.sensor, p.stamp_s - 1e-9 * first * period_ns, p.position) for p in poses
+                StampedPosition(p.sensor, p.stamp_s - 1e-9 * first * period_ns, p.position)
+                for p in (poses if controlled.probe is not None else ())
             ]
             controlled, answer = controller.step(
                 controlled,
@@ -122,7 +123,7 @@ def ticks_of(scene: Scene, plant: Robot | None = None) -> Iterator[RunTick]:
                 seen.reading_pa,
                 None,
                 certainty_of(estimate),
-                seen=places if controlled.probe is not None else [],
+                seen=places,
             )
             learned = answer.learned
             ticks += controlled.probe is not None

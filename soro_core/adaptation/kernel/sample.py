@@ -40,13 +40,14 @@ def show(
     units: tuple[Array, Array, Integers, Array],
     part: float,
     sides: tuple[Array, Array],
+    made: tuple[Array, Array],
 ) -> int:
     """Move residual r / U (n,) and regressor Phi (n, size) a part of the way to those of a sample.
 
     r = H p - [M qdd + C qd + G + f_e + R qd + creep] - d(q, 0), with the unmodelled force d about a mass
     and coordinates `at`, and U Phi theta = (Y_m + dd/dm) m + U W phi(q) + R_t qd. `units` of force, U, and of
-    q, and number and matrix of a `DampingModel`; `sides` are r / U and Phi. Gives a code of
-    `soro_core.model.dynamics`.
+    q, and number and matrix of a `DampingModel`; `sides` are r / U and Phi. `made` <- H' and effective p.
+    Gives a code of `soro_core.model.dynamics`.
     """
     arm, d = view(box), UnmodelledForce(*unmodelled)
     q, qd, qdd, pressure, creep, covariance = motion
@@ -58,17 +59,20 @@ def show(
         return code
     if not (finite(pressure) and finite(creep) and finite(covariance.reshape(n * n))):
         return NOT_FINITE
-    model, by_mass, H, missing = np.empty(n), np.empty(n), np.empty((n_u, n)), np.empty(n)
+    H, acting_pa = made
+    model, by_mass, missing = np.empty(n), np.empty(n), np.empty(n)
     motion_forces(t, arm.work, t.tip_mass[0], Motion(q, qd, qd, qdd), model, H)
     tip_mass_force(t, arm.work, q, qd, qdd, by_mass)
     add_damping_force(t, qd, model)
     add_internal_force(t, creep, model)
+    for u in range(n_u):
+        acting_pa[u] = acting(t, u, pressure[u])
     for c in range(n):
         missing[c] = d.mass_kg * d.by_mass[c] - d.force[c] - model[c]
         for e in range(n):
             missing[c] -= d.by_q[c, e] * (q[e] - d.at[e])
         for u in range(n_u):
-            missing[c] += H[u, c] * acting(t, u, pressure[u])
+            missing[c] += H[u, c] * acting_pa[u]
         missing[c] /= force_unit[c]
         by_mass[c] = (by_mass[c] + d.by_mass[c]) / force_unit[c]
     if not (finite(missing) and finite(by_mass)):

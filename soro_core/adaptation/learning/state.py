@@ -10,8 +10,10 @@ from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learning.slope_evidence import NO_EVIDENCE, SlopeEvidence
 from soro_core.adaptation.nonuniform_force import NonuniformForce
 from soro_core.arrays import Array
+from soro_core.frozen import quick
 
 
+@quick
 @dataclass(frozen=True)
 class LearnerSample:
     """What one tick shows.

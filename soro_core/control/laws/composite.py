@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from soro_core.adaptation.config import LearnerConfig
 from soro_core.adaptation.external_force import Stage
 from soro_core.adaptation.kept import KeptNumbers
-from soro_core.adaptation.learned import Learned
+from soro_core.adaptation.learned import Learned, weights_of
 from soro_core.adaptation.learner import Learner
 from soro_core.adaptation.learning.state import LearnerSample, LearnerState
 from soro_core.adaptation.nonuniform_force import NonuniformForce
@@ -26,7 +26,7 @@ from soro_core.config import with_renamed
 from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
 from soro_core.control.nonuniform_strain import NonuniformStrain, NonuniformStrainState, has_nonuniform_strain
 from soro_core.control.reference.trajectory import Point
-from soro_core.frozen import replaced
+from soro_core.frozen import quick, replaced
 
 # Time between samples of the learner, and between steps of the non-uniform strain [s]: both change slowly. A
 # loop of 250 Hz or less takes each at every tick, a faster one at ticks of their own in turns.
@@ -49,6 +49,7 @@ class CompositeOptions(LearnerConfig, LawOptions):
         return with_renamed(data, {"uneven": "nonuniform_strain"})
 
 
+@quick
 @dataclass(frozen=True)
 class CompositeState:
     """State of the law.
@@ -201,7 +202,8 @@ class Composite(Law[CompositeState]):
         if belief is not None and any(learner.chambers.tolist()):
             acting = self.setting.arm.acting_pressure(belief.pressure_pa)
             force, by_q = self.learner.chambers.force(learner.chambers, belief.q, acting)
-            found, own = (one.with_force(belief.q, force, by_q, scales) for one in (found, own))
+            weights = weights_of(belief.q, force, by_q, scales)
+            found, own = found.with_weights(weights), own.with_weights(weights)
         if found is own and doubt is None:  # the same object, until there is something new
             return found
         return replaced(found, own=own.theta, doubt=doubt)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from soro_core.arrays import Array
 from soro_core.config import Strict
 from soro_core.control.laws.guard import guard
+from soro_core.frozen import quick
 
 if TYPE_CHECKING:  # a scene reads a law's keys without its model
     from soro_core.adaptation.external_force import ExternalForce
@@ -34,6 +35,7 @@ class LawOptions(Strict):
     """The keys of a law under `law_options`; a law with keys derives from it."""
 
 
+@quick
 @dataclass(frozen=True)
 class ArmBelief:
     """What is known of the arm at one tick.
@@ -66,6 +68,7 @@ class ArmBelief:
     external: ExternalForce | None = None
 
 
+@quick
 @dataclass(frozen=True)
 class Certainty:
     """What a filter says of its estimate.
@@ -85,6 +88,7 @@ class Certainty:
     external: ExternalForce | None = None
 
 
+@quick
 @dataclass(frozen=True)
 class Preview:
     """The reference.
@@ -119,6 +123,7 @@ class Preview:
         return self.ahead if self.later is None else self.later(time_s)
 
 
+@quick
 @dataclass(frozen=True)
 class Made:
     """What the allocation makes of a desired force.

@@ -14,9 +14,11 @@ from numpy.typing import NDArray
 
 from soro_core.arrays import Array
 from soro_core.control.kernel import allocation as kernel
+from soro_core.frozen import quick
 from soro_core.robot.coordinates import StrainFields
 
 
+@quick
 @dataclass(frozen=True)
 class Allocation:
     """Result of `allocate`.

@@ -13,7 +13,7 @@ from soro_core.control.pressures.allocation import Allocation, allocate, balance
 from soro_core.control.pressures.effective_pressure import check_dead_bands, effective_pressure_of
 from soro_core.control.pressures.lag_compensation import compensate
 from soro_core.control.reference.coordinate_values import per_coordinate
-from soro_core.frozen import replaced
+from soro_core.frozen import quick, replaced
 from soro_core.pneumatics.lag import follow as follow_lag
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import StrainFields
@@ -22,6 +22,7 @@ from soro_core.robot.coordinates import StrainFields
 _WIDE, _WIDE_REGULARISATION = 1e3, 1e-12
 
 
+@quick
 @dataclass(frozen=True)
 class Setpoints:
     """Set points of one tick.

@@ -11,6 +11,7 @@ import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError
+from soro_core.frozen import quick
 
 # Samples between two waypoints, both included, at which strains and rates are checked.
 _SAMPLES = 11
@@ -18,6 +19,7 @@ _SAMPLES = 11
 _ROUNDING = 1e-9
 
 
+@quick
 @dataclass(frozen=True)
 class Point:
     """A reference at one instant: what the arm is to follow.

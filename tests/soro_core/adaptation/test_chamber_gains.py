@@ -77,7 +77,7 @@ def test_the_force_of_the_chambers_is_what_the_file_makes_too_much():
     arm, q, pressure = learner.arm, np.array([0.07, 3.0, -5.0]), np.array([20e3, 50e3, 35e3])
     values = np.array([0.1, -0.3, 0.2, 1.5])
     force, by_q = learner.chambers.force(values, q, pressure)
-    beyond, change = learner.chambers.tangent(values, q, pressure)
+    beyond, change = learner.chambers.tangent(values, q, arm.actuation_matrix(q) * pressure)
     np.testing.assert_allclose(force, beyond + change @ values, rtol=1e-9)
     near_values = values + np.array([0.01, -0.01, 0.02, -0.1])
     of_near, _ = learner.chambers.force(near_values, q, pressure)

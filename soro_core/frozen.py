@@ -21,9 +21,9 @@ def quick(made: type[Frozen]) -> type[Frozen]:
     lines = [f"def fill(self, {', '.join(names)}):", " _made = self.__dict__"]
     scope: dict[str, Any] = {}
     exec("\n".join(lines + [f" _made[{name!r}] = {name}" for name in names]), scope)
-    fill = update_wrapper(scope["fill"], made.__init__)
+    fill = scope["fill"]
     fill.__defaults__ = made.__init__.__defaults__
-    made.__init__ = fill
+    made.__init__ = update_wrapper(fill, made.__init__)  # type: ignore[method-assign]
     return made
 
 

@@ -153,7 +153,8 @@ class SoftArm(ForwardDynamics):
         Constant without area_slope, and where a straight tendon meets neither torsion nor shear.
         """
         q, _ = self._state(self._no_velocity if q is None else q)
-        return self._actuation(q.reshape(1, -1))[0]
+        found: Array = self._actuation(q.reshape(1, -1))[0]
+        return found
 
     def actuation_matrices(self, q: ArrayLike) -> Array:
         """H (m, n_q, n_u) as `actuation_matrix` gives each, of finite coordinates (m, n_q)."""

@@ -135,7 +135,7 @@ def _stuck(m: Monitors, _: RegulatorModel, s: MonitorState, now: MonitorSample) 
     asked = np.abs(now.setpoint_pa - asked_pa) > m.stuck_pa
     since = _since(s.unmoved_ns, asked, s.seen & ~moved, now.now_ns)
     n = _longest(since, now.now_ns, m.stuck_s)
-    changes = {"moved_pa": moved_pa, "asked_pa": asked_pa, "unmoved_ns": since}
+    changes: dict[str, Array | Integers] = {"moved_pa": moved_pa, "asked_pa": asked_pa, "unmoved_ns": since}
     if n is None:
         return changes, None
     change = f"set point {asked_pa[n] / 1e3:.1f} to {now.setpoint_pa[n] / 1e3:.1f} kPa"

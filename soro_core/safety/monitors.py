@@ -94,7 +94,7 @@ def watch(
             pressure_pa=np.where(state.seen, expected.pressure_pa, reading_pa),
             target_pa=np.where(state.seen, expected.target_pa, reading_pa),
         )
-    model, reading_pa = expected.pressure_pa, reading_pa.copy()  # it is kept
+    model = expected.pressure_pa
     off = reading_pa - model
     sample = MonitorSample(setpoint_pa, reading_pa, fresh, first, model, off, supply_pa, dt, now_ns)
     changes: dict[str, Array | Integers] = {}
@@ -106,8 +106,8 @@ def watch(
     state = state._replace(
         expected=expected,
         setpoint_pa=setpoint_pa,
-        reading_pa=_where(fresh, reading_pa, state.reading_pa),
-        residual_pa=_where(fresh, off, state.residual_pa),
+        reading_pa=np.where(fresh, reading_pa, state.reading_pa),
+        residual_pa=np.where(fresh, off, state.residual_pa),
         seen=state.seen | fresh,
         now_ns=now_ns,
         **changes,  # type: ignore[arg-type]
@@ -130,12 +130,12 @@ def _stuck(m: Monitors, _: RegulatorModel, s: MonitorState, now: MonitorSample) 
     """The set point has gone somewhere else, the reading stays where it was."""
     far = now.fresh & (np.abs(now.reading_pa - s.moved_pa) > m.stuck_motion_pa)
     moved = now.first | far
-    moved_pa = _where(moved, now.reading_pa, s.moved_pa)
-    asked_pa = _where(moved, now.setpoint_pa, s.asked_pa)
+    moved_pa = np.where(moved, now.reading_pa, s.moved_pa)
+    asked_pa = np.where(moved, now.setpoint_pa, s.asked_pa)
     asked = np.abs(now.setpoint_pa - asked_pa) > m.stuck_pa
     since = _since(s.unmoved_ns, asked, s.seen & ~moved, now.now_ns)
     n = _longest(since, now.now_ns, m.stuck_s)
-    changes: dict[str, Array | Integers] = {"moved_pa": moved_pa, "asked_pa": asked_pa, "unmoved_ns": since}
+    changes = {"moved_pa": moved_pa, "asked_pa": asked_pa, "unmoved_ns": since}
     if n is None:
         return changes, None
     change = f"set point {asked_pa[n] / 1e3:.1f} to {now.setpoint_pa[n] / 1e3:.1f} kPa"
@@ -146,13 +146,10 @@ def _frozen(m: Monitors, _: RegulatorModel, s: MonitorState, now: MonitorSample)
     """Readings that are equal to the last digit while the pressure must have changed."""
     other = now.first | (now.fresh & (now.reading_pa != s.reading_pa))
     since = np.where(other, now.now_ns, s.same_ns)
-    low = _where(other, now.model_pa, np.minimum(s.lowest_pa, now.model_pa))
-    high = _where(other, now.model_pa, np.maximum(s.highest_pa, now.model_pa))
+    low = np.where(other, now.model_pa, np.minimum(s.lowest_pa, now.model_pa))
+    high = np.where(other, now.model_pa, np.maximum(s.highest_pa, now.model_pa))
+    n = _longest(np.where(high - low > m.frozen_pa, since, NEVER), now.now_ns, m.frozen_s)
     changes = {"same_ns": since, "lowest_pa": low, "highest_pa": high}
-    far = high - low > m.frozen_pa
-    if not _any(far):
-        return changes, None
-    n = _longest(np.where(far, since, NEVER), now.now_ns, m.frozen_s)
     if n is None:
         return changes, None
     found = f"{now.reading_pa[n] / 1e3:.2f} kPa for {(now.now_ns - since[n]) * 1e-6:.0f} ms"
@@ -240,13 +237,6 @@ def _longest(since_ns: Integers, now_ns: int, limit_s: float) -> int | None:
 
 
 # numpy takes longer for the few numbers of an arm than Python for their list.
-def _where(flags: Flags, new: Array, old: Array) -> Array:
-    """Return the new values where a flag says so, as nearly always for all of them or for none."""
-    if _all(flags):
-        return new
-    return np.where(flags, new, old) if _any(flags) else old
-
-
 def _any(flags: Flags) -> bool:
     return True in flags.tolist()
 

@@ -16,6 +16,7 @@ link = {
     "material": {"youngs_modulus": 180e3, "shear_modulus": 60e3, "viscosity": 100.0},  # Pa, Pa, Pa s
     "chambers": [{"angle_rad": 2.0 * math.pi * k / 3, "area_m2": 5e-5, "offset_m": 8e-3} for k in range(3)],
 }
+# x, y, z, w: the arm hangs down; without it, it stands, and one that is long and soft falls over.
 robot = robot_from_dict({"name": "mine", "links": [link, link], "base_quaternion": [1.0, 0.0, 0.0, 0.0]})
 print(robot)
 print(robot.coordinate_names, robot.chamber_names)

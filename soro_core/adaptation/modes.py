@@ -63,6 +63,11 @@ def least_stiffness(arm: SoftArm, force: Callable[[Array], Array], q: Array, k_p
     -------
     float
         Below 0 the arm leaves `q` by itself; infinite where the forces are not finite.
+
+    Raises
+    ------
+    LinAlgError
+        If the arm has a strain without stiffness.
     """
     from scipy.linalg import eigh  # imported here: a scene reads the keys of a learner without it
 

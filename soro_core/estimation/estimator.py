@@ -17,7 +17,8 @@ from soro_core.arrays import Array
 from soro_core.errors import ModelError, short
 from soro_core.estimation.config import EstimatorConfig
 from soro_core.estimation.filter import Filter
-from soro_core.estimation.force.observer import ForceState, Noise, force_observer_of
+from soro_core.estimation.force.observer import Noise, force_observer_of
+from soro_core.estimation.force.state import ForceState
 from soro_core.estimation.force_samples import positions_since
 from soro_core.estimation.kernel.advance import SAME_S
 from soro_core.estimation.learned_input import update_learned_input
@@ -208,15 +209,16 @@ class Estimator:
 
     def _unseen(self, state: EstimatorState) -> Array:
         """Return the covariance of what the positions of late leave open."""
-        places, t_s, late_s = [], state.t_s, self.config.lost_after_s
-        for one, _ in state.sensors.values():
-            if t_s - one.stamp_s <= late_s and isinstance(one, PoseSample):
-                places.append(one.s)
+        t_s, late_s = state.t_s, self.config.lost_after_s
+        places = [
+            one.s
+            for one, _ in state.sensors.values()
+            if t_s - one.stamp_s <= late_s and isinstance(one, PoseSample)
+        ]
         return unmeasured_covariance(self.filter, state.belief.q, places, self._units)
 
     def _estimate(self, state: EstimatorState, failure: str = "") -> Estimate:
         mean, _, covariance, n = state.belief
-        placed = state.t_s - state.position_s <= self.config.lost_after_s
         pose, spread, force = self.filter.tip(state.belief, state.pressure_pa)
         age = state.t_s - state.last_s
         if not failure and age > self.config.lost_after_s:
@@ -224,7 +226,7 @@ class Estimator:
                 f"no good sample for {age:.2f} s" if math.isfinite(age) else "no good sample since the start"
             )
         said = note_of(state.monitors, state.t_s, self.config.lost_after_s, self.config.watch)
-        note = "; ".join((state.known.note, said)) if said and state.known.note else said or state.known.note
+        note = "; ".join(filter(None, (state.known.note, said)))
         return Estimate(
             state.t_s,
             mean[:n],
@@ -234,8 +236,8 @@ class Estimator:
             spread,
             force,
             mean[2 * n : 3 * n] if self.filter.n_d else np.zeros(n),
-            placed,
+            state.t_s - state.position_s <= self.config.lost_after_s,
             self._unseen(state),
             EstimatorStatus(not failure, failure, state.counts, age, note),
-            state.force.external if placed and not failure else None,
+            None if failure else self.external_force(state),
         )

@@ -141,7 +141,7 @@ class Filter:
         if dt <= 0.0:
             return belief, True
         mean, internal, covariance, n = belief
-        new = mean.copy(), internal.copy(), covariance.copy(), n
+        new = np.empty_like(mean), np.empty_like(internal), np.empty_like(covariance), n
         code = entries.predict(self.box, self._load(known), belief[:], pressure_pa, dt, new)
         return Belief(*new), code == GOOD
 
@@ -180,7 +180,7 @@ class Filter:
         record = (self._unknown if record is None else record).copy()
         values = (self.site(sample.s)[:], *_values(sample), sample.stamp_s, is_new, record)
         mean, internal, covariance, n = belief
-        new = mean.copy(), internal.copy(), covariance.copy(), n
+        new = np.empty_like(mean), np.empty_like(internal), np.empty_like(covariance), n
         code, outcome, nis, position_nis = entries.advance(
             self.box, self._load(known), belief[:], (pressure_pa, dt), values, new
         )

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from soro_core.arrays import Array
-from soro_core.estimation.force.observer import Seen
+from soro_core.estimation.force.state import Seen
 from soro_core.estimation.kernel.belief import Belief
 from soro_core.estimation.sensors.samples import PoseSample
 from soro_core.estimation.state import Segment

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from soro_core.arrays import Array
-from soro_core.estimation.force.observer import ForceState
+from soro_core.estimation.force.state import ForceState
 from soro_core.estimation.kernel.belief import Belief
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.estimation.sensors.monitor import SensorMonitor

@@ -89,9 +89,9 @@ def sample(
             )
         else:
             state = replaced(state, pending=(*state.pending, (tick + clock.delay, taken)), last=taken)
-    due = tuple([item for when, item in state.pending if when <= tick])
+    due = tuple(item for when, item in state.pending if when <= tick)
     if due:
-        state = replaced(state, pending=tuple([entry for entry in state.pending if entry[0] > tick]))
+        state = replaced(state, pending=tuple(entry for entry in state.pending if entry[0] > tick))
     return state, due
 
 

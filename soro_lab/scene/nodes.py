@@ -141,7 +141,7 @@ class HandNodeConfig(NodeKeys, HandKeys):
     )
     model: Discretisation = Field(Discretisation(), description="how a finger is computed")
     state_age_s: float = Field(
-        0.5, gt=0, le=10, description="longest time without a finger in control, after which the hand lets go"
+        0.5, gt=0, le=10, description="time without control of a finger after which the hand opens"
     )
 
 

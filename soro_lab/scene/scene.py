@@ -30,7 +30,6 @@ from soro_lab.scene.nodes import (
     ControllerNodeConfig,
     EstimatorNodeConfig,
     ExciterNodeConfig,
-    HandNodeConfig,
     MarkersConfig,
     RegulatorNodeConfig,
 )
@@ -385,17 +384,6 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             model=self.discretisation,
             excite=self.excite,
         )
-
-    def hand_node(self) -> HandNodeConfig:
-        """Parameters of the hand node, of a scene with a hand."""
-        assert self.hand is not None
-        names, robots = zip(*((arm.prefix.rstrip("/"), arm.robot) for arm in self.each), strict=True)
-        shared: dict[str, Any] = {
-            "mode": self.mode,
-            "rate_hz": self.rate_hz,
-            "model": self.each[0].discretisation,
-        }
-        return HandNodeConfig(**shared, fingers=names, robots=robots, **dict(self.hand))
 
     def controller_node(self) -> ControllerNodeConfig:
         """Parameters of the controller node, which waits for `~/enable` until every node is active."""

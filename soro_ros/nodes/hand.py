@@ -61,7 +61,7 @@ class HandNode(SoroNode[HandNodeConfig]):
 
         self.compile(make)
         self._coordinates = [one.arm.robot.coordinate_names for one in self._hand.squeeze.fingers]
-        self._closes, self._closes_itself = False, config.close_at_s > 0.0
+        self._is_active, self._closes, self._closes_itself = False, False, config.close_at_s > 0.0
         self._state, self._t_s = self._hand.squeeze.initial_state(), 0.0
         self._asked_pa: Array | None = None
         self._reported, self._reported_s = ("open", _WORDS["open"]), -np.inf
@@ -94,6 +94,13 @@ class HandNode(SoroNode[HandNodeConfig]):
         self._felt = self.create_publisher(JointState, STATE, qos.RELIABLE)
         create_triggers(self, {"close": self._on_close, "open": self._on_open})
 
+    def start(self) -> None:
+        self._is_active = True
+
+    def stop(self) -> None:
+        self._open_at_once()
+        self._is_active = False
+
     def take(self, config: HandNodeConfig) -> None:
         self._hand = self._hand.retuned(_keys(config))
         self._config = config
@@ -109,6 +116,8 @@ class HandNode(SoroNode[HandNodeConfig]):
 
     def _on_message(self, source: str, message: JointState | PoseStamped) -> None:
         """Make a tick once each finger has newer messages; in lockstep those of one time, of every source."""
+        if not self._is_active:
+            return
         stamp_ns = messages.to_ns(message.header.stamp)
         if self._lockstep:
             # The twin may be a tick ahead of the estimators.
@@ -170,7 +179,7 @@ class HandNode(SoroNode[HandNodeConfig]):
         if without and self._state.phase != "open":
             # Who vents a finger takes its pressure: what the hand asks for counts no more.
             self._closes, self._state = False, self._hand.squeeze.initial_state()
-            self._report(VENTED, f"{without} is not in control: it lets go", WARN)
+            self._report(VENTED, f"{without} is not in control: the hand opens", WARN)
         elif felt is not None and not without and dt < self._config.state_age_s:
             is_due = self._closes_itself and self._t_s >= self._config.close_at_s
             if is_due and not self._missing:
@@ -251,15 +260,23 @@ class HandNode(SoroNode[HandNodeConfig]):
         if self._state.phase != "open" and not self._lockstep:
             age_s = 1e-9 * (self.get_clock().now().nanoseconds - self._stepped_ns)
             if age_s > max(self._config.state_age_s, 1.0):
-                self._closes, self._state = False, self._hand.squeeze.initial_state()
-                self._report(LOST, f"nothing measured for {age_s:.1f} s: it lets go", WARN)
-                self._ask(self.get_clock().now().nanoseconds)
+                self._open_at_once()
+                self._report(LOST, f"nothing is measured for {age_s:.1f} s: the hand opens", WARN)
         values: dict[str, object] = {"phase": self._state.phase, "force_n": float(self._state.force_n.mean())}
         self.diagnostics.update(self.diagnostics.level, self.diagnostics.message, values)
+
+    def _open_at_once(self) -> None:
+        """Ask closed fingers for their open shapes; in lockstep the run ends with the hand."""
+        self._closes = False
+        if self._state.phase != "open" and not self._lockstep:
+            self._state = self._hand.squeeze.initial_state()
+            self._ask(self.get_clock().now().nanoseconds)
 
     # Services --------------------------------------------------------------------------------------
     def _on_close(self) -> str:
         """Close, squeeze, and hold from then on."""
+        if not self._is_active:
+            raise SoroError("the hand is inactive: activate it")
         if self._stepped_ns < 0 or self._missing:
             raise SoroError(f"nothing has come on {', '.join(self._missing) or 'all topics at once'}")
         if without := self._without_control(self._stepped_ns):
@@ -268,7 +285,7 @@ class HandNode(SoroNode[HandNodeConfig]):
         return "closes"
 
     def _on_open(self) -> str:
-        """Let go."""
+        """Open the hand."""
         self._closes = self._closes_itself = False
         return "opens"
 

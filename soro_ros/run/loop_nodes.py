@@ -6,7 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from soro_core.config import Strict, with_changes
-from soro_lab.scene import Scene
+from soro_core.grasping.settings import HandKeys
+from soro_lab.scene import HandNodeConfig, Scene
 
 # Nodes that look on: the arm goes on without them.
 OBSERVERS = frozenset({"shadow", "markers", "recorder"})
@@ -44,8 +45,20 @@ def control_loop(scene: Scene) -> LoopNodes:
         nodes[f"{arm.prefix}estimator"] = arm.estimator_node()
         nodes[f"{arm.prefix}controller"] = with_changes(arm.controller_node(), hand=scene.hand is not None)
     if scene.hand is not None:
-        nodes["hand"] = scene.hand_node()
+        nodes["hand"] = _hand_node(scene, scene.hand)
     return LoopNodes(nodes, "controller")
+
+
+def _hand_node(scene: Scene, hand: HandKeys) -> HandNodeConfig:
+    """Return the parameters of the hand node."""
+    return HandNodeConfig(
+        mode=scene.mode,
+        rate_hz=scene.rate_hz,
+        model=scene.each[0].discretisation,
+        fingers=tuple(arm.prefix.rstrip("/") for arm in scene.each),
+        robots=tuple(arm.robot for arm in scene.each),
+        **dict(hand),
+    )
 
 
 def excitation_loop(scene: Scene) -> LoopNodes:

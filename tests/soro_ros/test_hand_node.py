@@ -1,4 +1,4 @@
-"""A hand lets go when it is asked to, and by itself when nothing is measured, whatever else is silent."""
+"""A hand opens when asked to, when it is deactivated, and when its fingers are no longer measured."""
 
 import numpy as np
 import pytest
@@ -78,3 +78,19 @@ def test_a_hand_that_hears_nothing_of_its_fingers_lets_go(hand):
     hand.node.diagnose()
     assert hand.said[-1].name == "lost"
     assert max(hand.bends()) < 0.01 * bent
+
+
+def test_a_hand_that_is_deactivated_opens_and_takes_no_part(hand):
+    hand.feed(2)
+    request(hand.node, "hand/close")
+    hand.feed(40)
+    bent = min(hand.bends())
+    hand.node.trigger_deactivate()
+    assert max(hand.bends()) < 0.01 * bent
+    said = len(hand.said)
+    hand.feed(10)
+    assert len(hand.said) == said
+    assert "inactive" in request(hand.node, "hand/close").message
+    hand.node.trigger_activate()
+    hand.feed(2)
+    assert request(hand.node, "hand/close").success

@@ -107,8 +107,8 @@ class ForceLoop:
             still = np.zeros_like(point.q)
             return replaced(state, gap_s=state.gap_s + dt, rate=np.zeros(3), shift_rate=still)
         state = replaced(state, felt=felt, gap_s=0.0, pressure_pa=seen[2])
-        bounded = self.config.cap_n or self.config.stiffness_factor
-        moves = state.press or bounded or any(state.moved.tolist()) or state.wanted_n
+        is_asked = state.press or self.config.cap_n or self.config.stiffness_factor
+        moves = is_asked or any(state.moved.tolist()) or state.wanted_n
         if not moves and not isinstance(following.wanted, Press):
             return state if state.tip is None else replaced(state, tip=None)
         state = asked(state, following.wanted, following.given, dt)

@@ -100,14 +100,14 @@ class LimitCycleState:
         Heights of the feedback in the last half swings.
     place, rate : ndarray (n,)
         Estimate at the last tick, in units of q.
+    far_s : ndarray (n,)
+        Time for which each coordinate has been far from its reference without turning back [s].
     short_s : ndarray (n_u,)
         Time for which each chamber has lacked pressure without a break [s].
     jumped_s : float
         When the estimate jumped last [s].
     part, note : float, str
         Factor on the feedback that is in force; what the user must know, or an empty string.
-    far_s : ndarray (n,) or float
-        Time for which each coordinate has been far from its reference without turning back [s].
     raised_s : float
         When the feedback was raised [s].
     """
@@ -123,11 +123,11 @@ class LimitCycleState:
     pushed: Array
     place: Array
     rate: Array
+    far_s: Array
     short_s: Array
     jumped_s: float = -math.inf
     part: float = 1.0
     note: str = ""
-    far_s: Array | float = 0.0
     raised_s: float = -math.inf
 
 
@@ -136,7 +136,19 @@ def no_limit_cycle(n: int) -> LimitCycleState:
     zero, points = np.zeros(2 * n), np.zeros((2 * n, _HALVES + 1))
     still, pushed = np.zeros(n), np.zeros((n, _HALVES))
     return LimitCycleState(
-        0.0, zero + 1.0, zero, zero, points, points + np.nan, still, still, pushed, still, still, np.zeros(1)
+        0.0,
+        zero + 1.0,
+        zero,
+        zero,
+        points,
+        points + np.nan,
+        still,
+        still,
+        pushed,
+        still,
+        still,
+        still,
+        np.zeros(1),
     )
 
 
@@ -206,19 +218,19 @@ class LimitCycleWatch:
         height = np.abs(state.extreme - state.values[:, -1])
         turned = -ahead > np.maximum(self.back_part * height, self.back_q)
         part, note, raised_s = state.part, state.note, state.raised_s
-        far_s: Array | float = 0.0
-        is_far = ((state.side * signal > _FAR_Q) & ~turned)[: reference.size]
         is_pushed = belief.external is not None and belief.external.stage != "free"
-        if is_far.any() and not (starts or has_jumped or is_pushed or is_short.any()):
-            far_s = np.where(is_far, state.far_s + dt, 0.0)
-        grows = np.max(far_s * is_out[: reference.size]) > _GROWS_S
-        if part > 1.0 and any(turned[: reference.size].tolist()) and stiffness() > _STANDS:
-            part, note = 1.0, ""
-        elif self.raises and part == 1.0 and grows:
+        is_judged = not (starts or has_jumped or is_pushed or is_short.any())
+        own = slice(reference.size)
+        is_far = is_judged & (state.side * signal > _FAR_Q)[own] & ~turned[own]
+        far_s = np.where(is_far, state.far_s + dt, 0.0)
+        if part > 1.0:
+            if any(turned[own].tolist()) and stiffness() > _STANDS:
+                part, note = 1.0, ""
+        elif self.raises and part == 1.0 and (is_out[own] & (far_s > _GROWS_S)).any():
             if stiffness() < 0.0:
                 part, raised_s = _RAISED, t_s
                 note = f"the arm runs away: feedback raised to {part:.2g} times its gains"
-            far_s = 0.0  # the stiffness takes as long as three ticks: it is not asked in each
+            far_s = np.zeros_like(far_s)  # the stiffness takes as long as three ticks
         after = replaced(
             state,
             part=part,

@@ -6,7 +6,6 @@ import contextlib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -26,8 +25,9 @@ from soro_core.estimation.force.average import (
     covariance_of,
 )
 from soro_core.estimation.force.config import ForceConfig
-from soro_core.estimation.force.hold import HeldPlace, TipHold, hold
-from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
+from soro_core.estimation.force.hold import HeldPlace, hold
+from soro_core.estimation.force.stage import ForceSeen, next_stage
+from soro_core.estimation.force.state import ForceState, Seen, known_before
 from soro_core.estimation.force.tip_balance import Measured, TipBalance, TipBalancer
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.model import SoftArm
@@ -48,107 +48,8 @@ _INERTIA = 0.5
 # Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
 # [rad/s].
 _MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
-# A force is seen up to two of these times after it has begun to teach [s].
-_PAST_S = 0.2
 # Part of a new position in the mean of their scatter.
 _SCATTER_PART = 0.05
-
-
-class Seen(NamedTuple):
-    """One position of a place of the arm, and what the arm did then.
-
-    Attributes
-    ----------
-    stamp_s : float
-        When [s].
-    position : ndarray (3,)
-        [m].
-    pressure_pa : ndarray (n_u,)
-        Measured pressures [Pa gauge].
-    q, qd : ndarray (n_q,)
-        Estimated coordinates and rates.
-    internal : ndarray (n_internal,)
-        Creep and hysteresis states.
-    """
-
-    stamp_s: float
-    position: Array
-    pressure_pa: Array
-    q: Array
-    qd: Array
-    internal: Array
-
-
-class Before(NamedTuple):
-    """What was known a while ago [s]: the load [kg], and coordinates."""
-
-    age_s: float
-    mass_kg: float
-    q: Array
-
-
-class ForceState(NamedTuple):
-    """What is kept between two estimates.
-
-    Attributes
-    ----------
-    due_s : float
-        When the next estimate is due [s].
-    last : Seen or None
-        The newest position that is used; None before the first.
-    place : float
-        Where it was, along the whole arm [m].
-    passed_s : float
-        Time since the low-pass began [s].
-    interval_s : float
-        Mean time between two positions [s].
-    scatter : float
-        Mean square of one coordinate of the noise of positions, as they show it [m^2].
-    step : ndarray (3,) or None
-        The last velocity between two positions [m/s].
-    measured : Measured or None
-        All behind the low-pass; None before the first position.
-    q : ndarray (n_q,) or None
-        Estimated coordinates behind it.
-    balance : TipBalance or None
-    average, of_any : Average or None
-        That of its force, as of a push; and the same as of a push or a load.
-    past : tuple of `Before`
-        What was known up to two times `_PAST_S` before now, or before the present force from outside, oldest
-        first.
-    speed : ndarray (3,) or None
-        Velocity of the tip behind a slow low-pass [m/s].
-    acceleration : float
-        That of the tip [m/s^2].
-    stage : StageState
-    held : TipHold or None
-        What holds the arm from outside, for the filter; None while it is free.
-    external : ExternalForce or None
-        The estimate; None before the first.
-    """
-
-    due_s: float = -math.inf
-    last: Seen | None = None
-    place: float = 0.0
-    passed_s: float = 0.0
-    interval_s: float = 0.0
-    scatter: float = 0.0
-    step: Array | None = None
-    measured: Measured | None = None
-    q: Array | None = None
-    balance: TipBalance | None = None
-    average: Average | None = None
-    of_any: Average | None = None
-    past: tuple[Before, ...] = ()
-    speed: Array | None = None
-    acceleration: float = 0.0
-    stage: StageState = StageState()
-    held: TipHold | None = None
-    external: ExternalForce | None = None
-
-    def begun_anew(self, due_s: float) -> ForceState:
-        """Return the state without an estimate; what was touched, and the sensor, may be the same."""
-        return ForceState(due_s=due_s, stage=self.stage, scatter=self.scatter)
 
 
 @dataclass(frozen=True)
@@ -221,7 +122,7 @@ class ForceObserver:
         dt, theta = state.passed_s - start_s, self._nothing
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
-        state = state._replace(past=_past(state, float(theta[0]), dt))
+        state = state._replace(past=known_before(state, float(theta[0]), dt))
         bent = np.zeros(self.arm.n_q)
         if state.stage.stage != "free" and state.past:
             # What is learned as a load since then may be the push.
@@ -380,16 +281,6 @@ def _part_of(rate: float, dt: float) -> float:
 def _emptied(average: Average | None) -> Average | None:
     """Return an average that begins at no force."""
     return None if average is None else average._replace(force_n=np.zeros(3))
-
-
-def _past(state: ForceState, mass_kg: float, dt: float) -> tuple[Before, ...]:
-    """Return what was known, with what is known now while nothing pushes."""
-    if state.stage.stage != "free":
-        return state.past
-    kept = tuple(one._replace(age_s=one.age_s + dt) for one in state.past)
-    if state.q is None or (kept and kept[-1].age_s < _PAST_S):
-        return kept
-    return (*kept[-1:], Before(0.0, mass_kg, state.q))
 
 
 def force_observer_of(arm: SoftArm, config: ForceConfig, links: int, noise: Noise) -> ForceObserver | None:

@@ -175,11 +175,11 @@ def note_of(monitors: Mapping[str, SensorMonitor], t_s: float, silent_s: float, 
         Time, and the time for which a sensor may be silent: it is not judged after that [s].
     config : WatchConfig
     """
-    said = []
-    for sensor, monitor in monitors.items():
-        is_noisy = monitor.noise > _NOISY
-        if (is_noisy or monitor.above_s >= _LASTS_S) and t_s - monitor.stamp_s <= silent_s:
-            said.append(_noise_note(sensor, monitor) if is_noisy else _nis_note(sensor, monitor, config))
+    said = [
+        _noise_note(sensor, monitor) if monitor.noise > _NOISY else _nis_note(sensor, monitor, config)
+        for sensor, monitor in monitors.items()
+        if t_s - monitor.stamp_s <= silent_s and (monitor.above_s >= _LASTS_S or monitor.noise > _NOISY)
+    ]
     return "; ".join(said)
 
 

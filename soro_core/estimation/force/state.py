@@ -114,7 +114,16 @@ class ForceState(NamedTuple):
 
 
 def known_before(state: ForceState, mass_kg: float, dt: float) -> tuple[Before, ...]:
-    """Return what was known, with what is known now while nothing pushes."""
+    """Return what was known, with what is known now while nothing pushes.
+
+    Parameters
+    ----------
+    state : ForceState
+    mass_kg : float
+        Learned load at the tip [kg].
+    dt : float
+        Time since the last estimate [s].
+    """
     if state.stage.stage != "free":
         return state.past
     kept = tuple(one._replace(age_s=one.age_s + dt) for one in state.past)

@@ -239,5 +239,7 @@ class Estimator:
             state.t_s - state.position_s <= self.config.lost_after_s,
             self._unseen(state),
             EstimatorStatus(not failure, failure, state.counts, age, note),
-            None if failure else self.external_force(state),
+            None
+            if failure or state.t_s - state.position_s > self.config.lost_after_s
+            else state.force.external,
         )

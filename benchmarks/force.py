@@ -7,7 +7,7 @@ from itertools import product
 
 import numpy as np
 
-from benchmarks import false_contacts, pushed_scenes
+from benchmarks import false_contacts, presses, pushed_scenes
 from benchmarks.options import Options
 from benchmarks.report import met, table
 from soro_core import load_robot
@@ -137,6 +137,7 @@ def run(options: Options) -> str:
     )
     goal = f"Pushes in scenes with other sensors. Goal: {100 * pushed_scenes.GOAL:g} % of the force."
     found = [note, table([*header, ""], rows), goal, pushed_scenes.section(options)]
+    found += [presses.NOTE, presses.section(options)]
     if options.minutes:
         found += ["Nothing touches these arms:", false_contacts.section(options)]
     return "\n\n".join([*found, f"{time.perf_counter() - start:.0f} s"])

@@ -87,6 +87,17 @@ def prioritise(priority: int) -> str:
 _OBJECTS = 100_000
 
 
+@contextlib.contextmanager
+def rare_collections() -> Iterator[None]:
+    """Let the collector look for dead objects rarely in the block; a loop leaves none that it has to find."""
+    objects = gc.get_threshold()
+    gc.set_threshold(_OBJECTS)
+    try:
+        yield
+    finally:
+        gc.set_threshold(*objects)
+
+
 def shorten_pauses() -> None:
     """Shorten the interpreter's pauses, the larger part of a loop's lateness: collector, thread switches."""
     sys.setswitchinterval(0.0002)

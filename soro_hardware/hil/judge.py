@@ -24,7 +24,8 @@ DRIFT_PA_S, DRIFT_ERRORS = 300.0, 5.0
 # Longest time of a rise or a vent: this factor of the model's, plus a constant [s].
 SLOWER, SLOWER_S = 2.5, 0.05
 
-_TRIPS = {
+# What to do about a trip of the limiter, by the first words of its cause.
+TRIP_STEPS = {
     "over-pressure": "the valve lets the supply through, or the scale is wrong: supply off, then look",
     "open circuit": "check the sensor's cable",
     "short circuit": "check the sensor's cable",
@@ -84,7 +85,7 @@ def judge_rest(names: tuple[str, ...], rest: RestReadings) -> list[Finding]:
 
 def judge_trip(where: str, cause: str) -> Finding:
     """Return the finding of a trip of the limiter."""
-    advice = next((do for word, do in _TRIPS.items() if cause.startswith(word)), "see docs/safety.md")
+    advice = next((do for word, do in TRIP_STEPS.items() if cause.startswith(word)), "see docs/safety.md")
     return Finding(f"{where}: limiter", "fail", f"vented: {cause}", advice)
 
 

@@ -6,7 +6,7 @@ from result_tables import tables, written
 from benchmarks.__main__ import SECTIONS
 from benchmarks.kills import CASES
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.real_time]
 
 
 def section(folder, name):

@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock
 
 from soro_lab.bag import BagReader
-from soro_ros.conversion import messages, qos
+from soro_ros.conversion import messages
 from soro_ros.host import middleware
 from tests.patience import LIMIT_S
 from tests.warm import Popen
@@ -95,7 +95,8 @@ class ClockListener:
     def __init__(self) -> None:
         middleware.init()
         self._node, self._now_ns = Node("listener"), -1
-        self._node.create_subscription(Clock, "/clock", self._hear, qos.LOCKSTEP)
+        # The newest one alone: who does not listen for a while hears nothing old afterwards.
+        self._node.create_subscription(Clock, "/clock", self._hear, 1)
 
     def _hear(self, tick: Clock) -> None:
         self._now_ns = messages.to_ns(tick.clock)
@@ -108,6 +109,12 @@ class ClockListener:
             return self._now_ns >= time_s * 1e9
 
         wait_until(reached, f"/clock at {time_s} s", limit_s, every_s=0.0)
+
+    def wait_for(self, duration_s: float, limit_s: float = LIMIT_S) -> None:
+        """Wait until it has gone on for some time from now."""
+        self._now_ns = -1
+        self.wait(0.0, limit_s)
+        self.wait(self._now_ns / 1e9 + duration_s, limit_s)
 
     def close(self) -> None:
         """Leave the domain."""

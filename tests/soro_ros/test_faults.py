@@ -116,12 +116,11 @@ def test_a_killed_controller_vents_the_valves_and_ends_the_run_with_its_cause(ru
 
 def test_an_arm_goes_on_without_its_recorder_and_is_not_judged(domain, tmp_path):
     clock = ClockListener()
-    process = start_run(tmp_path, "mode=lockstep", "platform=", "duration_s=4")
+    process = start_run(tmp_path, "mode=lockstep", "platform=", "duration_s=10")
     try:
-        clock.wait(0.5, COMPILED_S)
-        wait_until(lambda: under_control(process, tmp_path), "a bag with something in it")
+        wait_until(lambda: under_control(process, tmp_path), "a bag with something in it", COMPILED_S)
         os.kill(child(process.pid, "nodes.recorder"), signal.SIGKILL)
-        clock.wait(4.0)
+        clock.wait_for(1.0)
         _, err = process.communicate(timeout=2 * LIMIT_S)
     finally:
         process.kill()

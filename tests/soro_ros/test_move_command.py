@@ -17,6 +17,7 @@ from soro_lab.scene.loop import loop_of
 from soro_ros.commands import move
 from soro_ros.conversion import messages
 from soro_ros.run import motion_client as moving
+from tests.patience import LIMIT_S
 from tests.refused import refused
 from tests.soro_ros.direct import captured, receive
 
@@ -42,9 +43,9 @@ class Scripted:
         receive(self.node, "/arm/arm/motion", DiagnosticStatus(name=name, message=text, values=pairs))
 
 
-def moved(node, *states, vented="", limit_s=0.2):
+def moved(node, *states, vented=""):
     caller, said = Scripted(node, *states, vented=vented), []
-    mover = moving.Mover(caller, "/arm/controller", limit_s, said.append)
+    mover = moving.Mover(caller, "/arm/controller", LIMIT_S if states else 0.2, said.append)
     caller.sent = captured(node, "/arm/arm/reference/path")
     return mover.move(LINE), said, caller.sent
 
@@ -65,7 +66,7 @@ def test_the_exit_status_is_that_of_the_end(node, state, status):
 
 def test_the_path_is_in_the_frame_in_which_the_controller_states_its_poses(node):
     caller = Scripted(node, ("reached", ""))
-    mover = moving.Mover(caller, "/arm/controller", 0.2, lambda line: None)
+    mover = moving.Mover(caller, "/arm/controller", LIMIT_S, lambda line: None)
     caller.sent = captured(node, "/arm/arm/reference/path")
     receive(node, "/arm/arm/desired/tip", messages.pose_stamped(np.eye(4), 0, "map"))
     assert mover.move(LINE) == 0
@@ -183,3 +184,11 @@ def test_points_that_are_too_few_or_too_many_are_wrong_use(soro, arguments, allo
 def test_only_a_single_point_is_gone_to_around_obstacles(soro):
     with refused("--around", names=("to: the other kinds",)):
         move.move(move.MotionType.LINE, ["1", "2", "3"], around=True)
+
+
+def test_without_a_running_arm_it_says_how_to_start_one(soro, domain):
+    ended = soro("move", "to", "0", "0", "60", "--timeout", "1s")
+    (line,) = ended.err.splitlines()
+    assert ended.status == 1
+    assert "no arm is running" in line
+    assert "soro run SCENE" in line

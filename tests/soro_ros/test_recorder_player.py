@@ -491,6 +491,7 @@ def test_player_picks_topics_and_times_and_renames(start, node, tmp_path):
 
 
 @pytest.mark.process
+@pytest.mark.real_time
 def test_player_keeps_the_recorded_time_and_publishes_the_clock(start, node, tmp_path):
     bag = clock_bag(tmp_path / "bag", seconds=1.0)
     listener = Listener(node, numbers=JointState, other=String, clock=Clock)

@@ -9,8 +9,8 @@ from rclpy.node import Node
 
 from soro_ros.recordings.recording import read
 from soro_ros.view.live import Buttons
-from tests.patience import COMPILED_S, LIMIT_S, patient_platform
-from tests.soro_ros.running import ClockListener, only_run, run, start_run, summary, wait_until
+from tests.patience import COMPILED_S, patient_platform
+from tests.soro_ros.running import ClockListener, end, only_run, run, start_run, summary, wait_until
 
 
 @pytest.mark.process
@@ -60,10 +60,12 @@ class Panel:
 @pytest.mark.process
 @pytest.mark.parametrize("valves", [True, False], ids=["valves, enabled again", "direct, left vented"])
 def test_a_vent_that_a_user_asks_for_is_an_event_and_not_the_end(domain, tmp_path, valves):
-    """Vent, reset and enable by the buttons of the view, in lockstep, where no node is late."""
-    duration_s = 14.0 if valves else 8.0
+    """Vent, reset and enable by the buttons of the view, in lockstep, where no node is late.
+
+    Simulated time does not wait for who presses: the run is far longer than it takes, and ends by Ctrl-C.
+    """
     platform = patient_platform(tmp_path, real_time=False) if valves else ""
-    changes = ("mode=lockstep", f"duration_s={duration_s:g}", f"platform={platform}")
+    changes = ("mode=lockstep", "duration_s=300", f"platform={platform}")
     clock, panel = ClockListener(), Panel()
     process = start_run(tmp_path / "runs", *changes)
     try:
@@ -71,22 +73,20 @@ def test_a_vent_that_a_user_asks_for_is_an_event_and_not_the_end(domain, tmp_pat
         assert all("refused" not in line for line in panel.press("vent", answers=2))
         if valves:
             assert "reset" in panel.press("reset")[0]
-            wait_until(lambda: "refused" not in panel.press("enable")[0], "an arm at rest, to be enabled")
-        out, err = process.communicate(timeout=2 * LIMIT_S)
+            wait_until(lambda: "enabled" in panel.press("enable")[0], "an arm at rest, to be enabled")
+        clock.wait_for(2.0)
+        status, out, err = end(process)
     finally:
         process.kill()
         panel.close()
         clock.close()
     folder = only_run(tmp_path / "runs")
     found = summary(folder)
-    assert (process.returncode, found["verdict"]) == ((0, "good") if valves else (1, "vented")), out + err
-    assert found["faults"] == []
+    assert (status, found["verdict"], found["faults"]) == (130, "vented", []), out + err
+    assert found["reason"] == "interrupted"
     recording = read(folder, "track_circle")
     (vent,) = (event for event in recording.events if event.kind in ("vent", "trip"))
     assert (vent.kind, vent.text) == ("vent", "vented: vent requested")
-    assert f"vented on request at {vent.t_s:.2f} s" in found["notes"]
-    assert recording.reading.t[-1] > duration_s - 0.02
+    assert vent.t_s > 2.4  # from the first set point on
     pressed = np.any(recording.reading.value > 15e3, axis=1)
     assert np.any(pressed & (recording.reading.t > vent.t_s + 1.0)) == valves
-    if not valves:
-        assert found["reason"] == f"on request at {vent.t_s:.2f} s, and not enabled again"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections import Counter
 from collections.abc import Collection, Iterator
 from operator import itemgetter
@@ -146,11 +147,18 @@ class BagFile:
 
     def span_ns(self) -> tuple[int, int] | None:
         """Log times of the first and the last message; None without messages."""
-        # A chunk without messages has the times 0.
-        blocks = [block for block in self.blocks if block.end_ns] or self.blocks
-        if not blocks:
-            return None
-        return min(block.start_ns for block in blocks), max(block.end_ns for block in blocks)
+        spans = [(block.start_ns, block.end_ns) for block in self.blocks if block.end_ns]
+        # A chunk without messages has the times 0; so has one of a run whose clock has not begun.
+        if self.blocks and (
+            not spans or any(self._has_messages(one) for one in self.blocks if not one.end_ns)
+        ):
+            spans.append((0, 0))
+        return (min(start for start, _ in spans), max(end for _, end in spans)) if spans else None
+
+    def _has_messages(self, block: Block) -> bool:
+        with contextlib.suppress(Damage):
+            return any(opcode == Opcode.MESSAGE for opcode, _, _ in inner(self._content(block)))
+        return False
 
     def messages(
         self, block: Block, channels: Collection[int] | None = None, low: int = 0, high: int = 1 << 64

@@ -43,6 +43,20 @@ def test_messages_come_in_the_order_of_time_across_chunks(tmp_path):
     assert read == sorted(mixed, key=lambda item: item.log_time_ns)
 
 
+@pytest.mark.parametrize("index", [True, False])
+def test_a_chunk_from_before_the_clock_has_begun_is_read(tmp_path, index):
+    """A recorder in lockstep writes what comes before the first tick with the time 0."""
+    bag = tmp_path / "run"
+    with BagWriter(bag) as writer:
+        writer.add_topic(TOPICS[2])
+        writer.write("/notes", b"latched", 0)
+        writer.flush()  # a chunk of its own
+        writer.write("/notes", b"later", 5_000_000)
+    with BagReader(bag, index=index) as reader:
+        assert (reader.start_ns, reader.end_ns) == (0, 5_000_000)
+        assert [item.data for item in reader.messages()] == [b"latched", b"later"]
+
+
 def test_reading_a_part(tmp_path):
     messages = random_messages(seed=6, count=300)
     bag = write_bag(tmp_path / "run", messages, chunk_bytes=2000)

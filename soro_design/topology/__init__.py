@@ -2,11 +2,11 @@
 
 The forms are those of the literature, but for the following.
 
-- The pressure load of a soft part is -int p J dV, not the gradient of (T5): with p fixed to the material
-  the load follows the walls, its stiffness is symmetric, and void of one pressure is free of force. The
-  price: an edge of the grid at the inlet has to be held along its normal. The thesis [C22] lets void
-  elements expand, which is a dilation and not a pressure: it grows with the volume that expands, not with
-  the wall that it meets.
+- The pressure load of a soft part is -int p J dV of what is not solid, not the gradient of (T5): with p
+  fixed to the material the load follows the walls, its stiffness is symmetric, and void of one pressure is
+  free of force. The price: an edge of the grid at the inlet has to be held along its normal. The thesis
+  [C22] lets void elements expand, which is a dilation and not a pressure: it grows with the volume that
+  expands, not with the wall that it meets.
 - Spring and motion belong to a patch: at a single node the displacement grows without limit as the grid
   gets finer.
 - The gradient takes the slope of (T2) at rho~. SoRoTop (SoRoTop.m, part 6.4, read at 8f1af5a) takes it at

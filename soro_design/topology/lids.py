@@ -22,7 +22,7 @@ from soro_design.topology.check import Reanalysis, final_part, moved_output, rea
 from soro_design.topology.domain import NEAR, Domain, inside, make_domain
 from soro_design.topology.flood import flood
 from soro_design.topology.section import mirrored_surface
-from soro_design.topology.shape import Contour, cut_quads, joined_with_output, node_level, snapped
+from soro_design.topology.shape import Contour, contour_level, cut_quads, joined_with_output, snapped
 from soro_design.topology.task import Farthest
 
 # Elements of the grids that the section of the solid is tried on, and how near its motion in plane strain has
@@ -114,7 +114,7 @@ def coarser(domain: Domain, filtered: Array, cells: int) -> tuple[Domain, Contou
     """
     counts = domain.grid.counts
     sides = [np.linspace(0.0, size, n + 1) for size, n in zip(domain.task.size_m, counts, strict=True)]
-    field = RegularGridInterpolator(sides, node_level(domain, filtered).reshape([n + 1 for n in counts]))
+    field = RegularGridInterpolator(sides, contour_level(domain, filtered).reshape([n + 1 for n in counts]))
     factor = max(1.0, np.sqrt(np.prod(counts) / cells))
     # The densities have what is given.
     given = {"solid": (), "void": (), "start": ()}

@@ -20,7 +20,7 @@ from soro_design.topology.physics.compliance import Compliance
 from soro_design.topology.physics.filter import density_filter, greyness, projection
 from soro_design.topology.physics.grid import Evaluation, place_text
 from soro_design.topology.physics.stroke import Stroke
-from soro_design.topology.shape import contour
+from soro_design.topology.shape import mean_level, snapped
 from soro_design.topology.stretch import WATCHED, limit_of, slope_of_mean, stretched
 from soro_design.topology.task import Task
 
@@ -160,7 +160,7 @@ def require_sealable(domain: Domain, where: str) -> None:
     ConfigError
         With the place of the leak; `where` is the file that it names.
     """
-    found = flood(domain, contour(domain, np.ones(len(domain.is_solid))))
+    found = flood(domain, snapped(domain.grid, mean_level(domain, np.ones(len(domain.is_solid)))))
     if found.is_leak.any():
         at = place_text(domain.grid.mesh.points[np.flatnonzero(found.is_leak)[0]])
         place = f"a way of void from the inlet to the open at {at}"

@@ -19,11 +19,14 @@ from soro_core.errors import ModelError
 from soro_design.fem import Mesh, make_mesh
 from soro_design.fem.meshes.mesh_files import refined
 from soro_design.topology.domain import Domain
+from soro_design.topology.physics.filter import projection
 from soro_design.topology.physics.grid import Grid
 from soro_design.topology.tetrahedra import cut_tetrahedra, edges_of, tetrahedra, turned
 
 # A node whose edge is cut nearer than this share of the edge moves onto the contour.
 SNAP = 0.25
+# Places along each edge of an element at which its level is read for the volume.
+PIECES = 6
 _EDGES = ((0, 1), (1, 2), (2, 3), (3, 0))
 # Corners of the faces of an element.
 _SIDES = {
@@ -50,18 +53,45 @@ class Contour:
 
 
 def contour(domain: Domain, filtered: Array) -> Contour:
-    """Return the contour of the filtered densities (e,) at the threshold of the projection."""
-    return snapped(domain.grid, node_level(domain, filtered))
+    """Return the contour of the filtered densities (e,), whose solid has the volume of the projected ones."""
+    return snapped(domain.grid, contour_level(domain, filtered))
 
 
-def node_level(domain: Domain, filtered: Array) -> Array:
-    """Return the mean density of the elements about each node (n,), less the threshold of the projection."""
-    grid = domain.grid
+def contour_level(domain: Domain, filtered: Array) -> Array:
+    """Return `mean_level` (n,), shifted: above 0 is the volume of the densities that the schedule ends with.
+
+    Means fill the inner edges of walls and cut the outer ones, of which walls have fewer.
+    """
+    grid, schedule = domain.grid, domain.task.schedule
+    density = projection(filtered, schedule.at(schedule.iterations - 1)[2], schedule.threshold)[0]
+    volume = grid.volumes @ np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, density))
+    level = mean_level(domain, filtered)
+    if volume >= grid.volumes.sum() * (1.0 - 1e-12):  # solid everywhere: no level leaves anything out
+        return level
+    # Linear in each direction within an element.
+    share = (np.arange(PIECES) + 0.5) / PIECES
+    places = np.stack(np.meshgrid(*[share] * len(grid.counts)), axis=-1).reshape(-1, 1, len(grid.counts))
+    is_upper = grid.mesh.points[grid.mesh.cells[0]] > grid.centres[0]
+    inside = level[grid.mesh.cells] @ np.where(is_upper, places, 1.0 - places).prod(axis=-1).T
+    falling = np.argsort(-inside, axis=None)
+    pieces = grid.volumes[falling // len(places)] / len(places)
+    above = np.cumsum(pieces) - 0.5 * pieces
+    # One grey everywhere is void: no wall of it holds air.
+    return np.asarray(level - np.interp(volume, above, inside.ravel()[falling]) - 1e-9)
+
+
+def mean_level(domain: Domain, filtered: Array) -> Array:
+    """Return the mean density of the elements about each node (n,), less the threshold of the projection.
+
+    About a given element they count as solid or void: else given solid swells where grey is beside it.
+    """
+    grid, threshold = domain.grid, domain.task.schedule.threshold
     density = np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, filtered))
-    total, count = (
-        grid.gathered(np.repeat(one, grid.mesh.cells.shape[1])) for one in (density, np.ones_like(density))
+    total, whole, given, count = (
+        grid.gathered(np.repeat(one, grid.mesh.cells.shape[1]))
+        for one in (density, density >= threshold, domain.is_given, np.ones_like(density))
     )
-    return np.asarray(total / count - domain.task.schedule.threshold)
+    return np.asarray(np.where(given > 0, whole, total) / count - threshold)
 
 
 def snapped(grid: Grid, level: Array) -> Contour:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse import triu
 from scipy.sparse.linalg import splu
 
-from soro_core.arrays import Array
+from soro_core.arrays import Array, Integers
 from soro_design.fem.solve.multigrid import Multigrid
 
 # Entries above this share of their column may stay pivots of the diagonal.
@@ -33,14 +33,19 @@ class Factors(Protocol):
 
 
 class _SuperLU:
-    """Factors by SuperLU, with an ordering for symmetric patterns."""
+    """Factors by SuperLU, in a given order or in one for symmetric patterns."""
 
-    def __init__(self, matrix: Any) -> None:
+    def __init__(self, matrix: Any, order: Integers | None) -> None:
+        self._order = slice(None) if order is None else order
+        kind = "MMD_AT_PLUS_A" if order is None else "NATURAL"
+        rows = matrix if order is None else matrix[:, order][order].tocsc()
         options = {"SymmetricMode": True}
-        self._lu = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=PIVOT, options=options)
+        self._lu = splu(rows, permc_spec=kind, diag_pivot_thresh=PIVOT, options=options)
 
     def solve(self, right: Array) -> Array:
-        return np.asarray(self._lu.solve(right))
+        found = np.empty_like(right)
+        found[self._order] = self._lu.solve(right[self._order])
+        return found
 
 
 class _Pardiso:
@@ -78,7 +83,9 @@ def _advise(rows: int) -> None:
     )
 
 
-def factorised(matrix: Any, is_solid: bool = False, motions: Array | None = None) -> Factors | None:
+def factorised(
+    matrix: Any, is_solid: bool = False, motions: Array | None = None, order: Integers | None = None
+) -> Factors | None:
     """Return the factors of a sparse matrix whose pattern is symmetric, or None where a pivot is 0.
 
     Parameters
@@ -89,6 +96,8 @@ def factorised(matrix: Any, is_solid: bool = False, motions: Array | None = None
         Whether it is that of a solid: then pardiso is used above some size, if it is installed.
     motions : ndarray, (n, 6), optional
         Rigid motions of a solid: then, without pardiso, multigrid is used from some size on, if installed.
+    order : ndarray of int, (n,), optional
+        Rows in an order that keeps the factors sparse (`soro_design.fem.solve.dissection`), for SuperLU.
     """
     rows = matrix.shape[0]
     try:
@@ -98,19 +107,21 @@ def factorised(matrix: Any, is_solid: bool = False, motions: Array | None = None
             if find_spec("pyamg"):
                 return Multigrid(matrix, motions, _is_symmetric(matrix))
             _advise(rows)
-        return _SuperLU(matrix)
+        return _SuperLU(matrix, order)
     # Of SuperLU; that of pardiso is an own kind.
     except RuntimeError:
         return None
 
 
-def regular_factors(matrix: Any, is_solid: bool = False, motions: Array | None = None) -> Factors | None:
+def regular_factors(
+    matrix: Any, is_solid: bool = False, motions: Array | None = None, order: Integers | None = None
+) -> Factors | None:
     """Return the factors, or None where it is singular, by how far some force moves its rows.
 
     Of a pivot that is 0, round-off mostly leaves something, and a solution that means nothing. Newton's
     method needs no such measure, because its balance decides; parameters as in `factorised`.
     """
-    factors = factorised(matrix, is_solid, motions)
+    factors = factorised(matrix, is_solid, motions, order)
     if factors is None:
         return None
     scale = np.sqrt(np.abs(matrix.diagonal()))

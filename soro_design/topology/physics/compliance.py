@@ -8,6 +8,7 @@ import numpy as np
 
 from soro_core.arrays import Array, Flags
 from soro_core.errors import ModelError
+from soro_design.fem.solve.dissection import order_among
 from soro_design.fem.solve.linear import regular_factors
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.grid import Evaluation, Grid, assembled
@@ -63,7 +64,8 @@ class Compliance:
         scale = self.void_stiffness + (1.0 - self.void_stiffness) * density**penalty
         matrix = assembled(grid.vectors, scale[:, None, None] * one)
         free = np.flatnonzero(~self.is_held.ravel())
-        solver = regular_factors(matrix[free][:, free].tocsc())
+        order = order_among(grid.order, free)
+        solver = regular_factors(matrix[free][:, free].tocsc(), order=order)
         if solver is None:
             raise ModelError("the part is loose: hold it against every motion", "held")
         u = np.zeros_like(force)

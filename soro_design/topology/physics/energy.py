@@ -1,10 +1,10 @@
 """Kernel of elements between solid and void, with the air in them; docs/design.md (T6) to (T8).
 
-    phi(u) = kappa (phi_solid(gamma u) + (1 - gamma^2) phi_small(u)) - int p J(u) dV
+    phi(u) = kappa (phi_solid(gamma u) + (1 - gamma^2) phi_small(u)) - (1 - kappa) int p J(u) dV
 
 phi_solid is the energy of the material and phi_small that of small strains: void (gamma = 0) is linear and
-cannot turn inside out (Wang et al. 2014). The displacements
-of an element are u = (u_1x, u_1y, ...).
+cannot turn inside out (Wang et al. 2014). Air presses on what is not solid: so a pressure that falls within a
+wall pushes at its face. The displacements of an element are u = (u_1x, u_1y, ...).
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ def assemble(
         k = kind[e]
         is_wet = False
         for a in range(n):
-            p[a] = pressure[cells[e, a]]
+            p[a] = (1.0 - kappa[e]) * pressure[cells[e, a]]
             is_wet = is_wet or p[a] != 0.0
             for i in range(d):
                 of_cell[a, i] = u[cells[e, a], i]
@@ -152,16 +152,21 @@ def assemble(
 
 @kernel
 def sensitivities(
-    elements: Elements, scale: tuple[Array, Array], u: Array, adjoint: Array, by: tuple[Array, Array]
+    elements: Elements,
+    scale: tuple[Array, Array],
+    pressure: Array,
+    at: tuple[Array, Array],
+    by: tuple[Array, Array],
 ) -> None:
     """by element (e, 4) and pressure (n,) <- derivatives of energy and of adjoint . force.
 
-    `scale` has kappa and gamma (e,).
+    `scale` has kappa and gamma (e,); pressure (n,) is that of the nodes; `at`: u and adjoint (n, d).
     The columns: of the stored energy by kappa and by gamma, then of adjoint . force by both. Of the pressure
     there is only adjoint . force.
     """
     law, shared, cells, kind, slope, hoop, volume, shape, small = elements
     kappa, gamma = scale
+    u, adjoint = at
     by_element, by_pressure = by
     n, d = slope.shape[2:]
     size = n * d
@@ -206,4 +211,5 @@ def sensitivities(
             for i in range(size):
                 done += y[i] * f[i]
             for a in range(n):
-                by_pressure[cells[e, a]] -= shape[g, a] * done
+                by_pressure[cells[e, a]] -= (1.0 - kappa[e]) * shape[g, a] * done
+                by_element[e, 2] += shape[g, a] * pressure[cells[e, a]] * done

@@ -18,6 +18,7 @@ from soro_design.fem.elements.mesh import Space
 from soro_design.fem.elements.pattern import Pattern, make_pattern
 from soro_design.fem.elements.solid import tables
 from soro_design.fem.meshes.blocks import block
+from soro_design.fem.solve.dissection import rows_dissected
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,6 +73,8 @@ class Grid:
         int dN_a/dX . dN_b/dX dV [m] and int N_a N_b dV [m3].
     scalars, vectors : Pattern
         Of matrices of one number a node, and of one for each direction.
+    order : ndarray of int, (d n,)
+        Rows of `vectors` in an order for elimination.
     """
 
     mesh: Mesh
@@ -86,6 +89,7 @@ class Grid:
     mass: Array
     scalars: Pattern
     vectors: Pattern
+    order: Integers
 
     @property
     def centres(self) -> Array:
@@ -161,4 +165,7 @@ def make_grid(space: Space, size_m: tuple[float, ...], counts: tuple[int, ...]) 
     mass = np.einsum("eg,ga,gb->eab", volume, shape, shape)
     edge = tuple(size / count for size, count in zip(size_m, counts, strict=True))
     scalars, vectors = (make_pattern(mesh.cells, len(mesh.points), d) for d in (1, len(counts)))
-    return Grid(mesh, counts, edge, kind, shape, slope, hoop, volume, diffusion, mass, scalars, vectors)
+    order = rows_dissected(mesh.points, vectors)
+    return Grid(
+        mesh, counts, edge, kind, shape, slope, hoop, volume, diffusion, mass, scalars, vectors, order
+    )

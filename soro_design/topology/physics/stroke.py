@@ -12,6 +12,7 @@ from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Hyperelastic
 from soro_design.fem.elements.material import Material
+from soro_design.fem.solve.dissection import order_among
 from soro_design.fem.solve.linear import factorised
 from soro_design.fem.solve.steps import LoadSteps, shortened
 from soro_design.topology.physics.darcy import Flow, pressures
@@ -107,13 +108,14 @@ class Stroke:
     exponent: float
     _elements: Elements = field(init=False, repr=False)
     _free: Integers = field(init=False, repr=False)
+    _order: Integers = field(init=False, repr=False)
     _entries: Integers = field(init=False, repr=False)
     _matrix: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         free, entries, matrix = between_free(self.grid.vectors, self.is_held)
         values = {"_elements": self._read(), "_free": free, "_entries": entries, "_matrix": matrix}
-        for name, value in values.items():
+        for name, value in (values | {"_order": order_among(self.grid.order, free)}).items():
             object.__setattr__(self, name, value)
 
     def _read(self) -> Elements:
@@ -226,7 +228,8 @@ class Stroke:
             is_met = size <= TOLERANCE * scale
             # That of the state itself, for the derivatives.
             self._matrix.data = balance_at(u).data if is_met else now.data
-            solver = factorised(self._matrix, is_solid=self.grid.mesh.space == "solid")
+            is_solid = self.grid.mesh.space == "solid"
+            solver = factorised(self._matrix, is_solid, order=self._order)
             if solver is None:
                 return None, "the stiffness is singular"
             if is_met:
@@ -275,8 +278,8 @@ class Stroke:
         right = (by_out * self.output + by_energy * inner).ravel()[self._free]
         adjoint[self._free] = -at.solver.solve(right)
         by_element, by_pressure = np.empty((len(density), 4)), np.empty(len(no_air))
-        towards = adjoint.reshape(at.u.shape)
-        sensitivities(self._elements, (kappa, gamma), at.u, towards, (by_element, by_pressure))
+        state = at.u, adjoint.reshape(at.u.shape)
+        sensitivities(self._elements, (kappa, gamma), air.at_nodes, state, (by_element, by_pressure))
         by_kappa = by_energy * by_element[:, 0] + by_element[:, 2]
         by_gamma = by_energy * by_element[:, 1] + by_element[:, 3]
         gradient = by_kappa * kappa_by + by_gamma * gamma_by + air.back(by_pressure)

@@ -105,6 +105,20 @@ def test_air_in_void_alone_loads_no_node_inside():
     assert np.abs(load[is_inside]).max() < 1e-11 * np.abs(load).max()
 
 
+def test_air_pushes_at_the_face_of_a_wall():
+    """The right half of a grid is solid: the pressure falls within some elements of it, the force at once."""
+    domain = make_domain(bellow())
+    found, grid = analysis(domain), domain.grid
+    x = grid.mesh.points[:, 0]
+    is_wall = grid.centres[:, 0] > 0.01
+    pressure = np.where(x < 0.01 + 1e-9, 5e3, 5e3 * np.exp(-(x - 0.01) / 1e-3))
+    kappa = np.where(is_wall, 1.0, 1e-6)
+    load = -found.balance(kappa, 0.0 * kappa, pressure, np.zeros_like(grid.mesh.points)).unbalanced[:, 0]
+    at_face = np.abs(x - 0.01) < 1e-9
+    assert load[at_face].sum() == pytest.approx(5e3 * 0.01, rel=1e-5)
+    assert np.abs(load[x > 0.01 + 1e-9]).max() < 1e-9 * load[at_face].sum()
+
+
 @pytest.mark.parametrize("sharpness", [1.0, 8.0, 16.0])
 def test_the_gradient_passes_filter_and_projection(sharpness):
     """By the variables. SoRoTop takes the slope of the projection where it ends, not where it begins."""

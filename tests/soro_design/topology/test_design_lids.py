@@ -71,7 +71,7 @@ def test_the_middle_of_a_long_part_is_a_tube_with_closed_ends(monkeypatch):
     """Lame's tube, whose lids stretch it along its axis; the section in plane strain opens farther."""
     domain, level = tube(3.0, 120.0)
     monkeypatch.setattr(lids, "CELLS", (288,))
-    monkeypatch.setattr(lids, "node_level", lambda domain, filtered: filtered)
+    monkeypatch.setattr(lids, "contour_level", lambda domain, filtered: filtered)
     found = lids.reanalyse_with_lids(domain, level, np.nan)
     assert found.moved.cause == ""
     mu, nu, p = 72e3, 0.45, 1e2
@@ -91,7 +91,7 @@ def test_the_middle_of_a_long_part_is_a_tube_with_closed_ends(monkeypatch):
 @pytest.mark.slow
 def test_a_grid_too_coarse_for_the_walls_is_told(monkeypatch):
     domain, _ = tube(1.0, 10.0)
-    monkeypatch.setattr(lids, "node_level", lambda domain, filtered: filtered)
+    monkeypatch.setattr(lids, "contour_level", lambda domain, filtered: filtered)
     r = np.hypot(*domain.grid.mesh.points.T)
     thin = np.minimum(r - 7.6e-3, 8.6e-3 - r)
     monkeypatch.setattr(lids, "CELLS", (18,))

@@ -11,8 +11,9 @@ from soro_design.fem.meshes.surface import is_closed, volume
 from soro_design.topology.check import FinalPart, reanalyse
 from soro_design.topology.domain import make_domain
 from soro_design.topology.flood import flood, thinnest_wall, wet_faces
+from soro_design.topology.physics.filter import density_filter, projection
 from soro_design.topology.section import mirrored
-from soro_design.topology.shape import snapped, solid_mesh
+from soro_design.topology.shape import contour, snapped, solid_mesh
 from tests.soro_design.topology.small import bellow
 
 DOMAIN = make_domain(bellow())
@@ -47,6 +48,35 @@ def test_the_contour_follows_a_circle():
     on_axes = (ends.reshape(-1, 2) == 0.0).any(axis=1)
     gap = np.minimum(np.abs(r - 5e-3), np.abs(r - 8e-3))
     assert gap[~on_axes].max() < 0.1 * GRID.edge_m[0]
+
+
+def test_given_solid_keeps_its_faces_beside_grey():
+    """A block between a given void and elements of the density .3, which the projection makes void."""
+    block, void = ({"kind": "box", "x_m": x, "y_m": [0.0, 0.01]} for x in ([0.005, 0.01], [0.0, 0.005]))
+    task = bellow(solid=[block], void=[void], volume_fraction=0.3, schedule={"sharpness": [32.0]})
+    domain = make_domain(task)
+    filtered = np.full(len(domain.is_solid), 0.3)
+    cut = contour(domain, filtered)
+    ends = cut.points[cut.level > 0.0, 0]
+    assert (ends.min(), ends.max()) == pytest.approx((0.005, 0.01), abs=1.01 * GRID.edge_m[0])
+    mesh = solid_mesh(replace(domain, output=np.ones_like(domain.output)), cut)
+    assert area(mesh) == pytest.approx(5e-5, rel=0.01)
+
+
+def test_what_is_solid_everywhere_is_solid():
+    domain = replace(DOMAIN, is_void=np.zeros_like(DOMAIN.is_void))
+    assert (contour(domain, np.ones(len(domain.is_void))).level > 0.0).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_part_has_the_volume_of_its_densities(seed):
+    """Of blobs that touch the output everywhere, which are smaller than the elements show."""
+    domain = make_domain(bellow(solid=[], schedule={"sharpness": [8.0]}))
+    variables = np.random.default_rng(seed).uniform(0.0, 1.0, len(domain.is_solid))
+    filtered = np.clip(3.0 * (density_filter(domain.grid, 2e-3) @ variables) - 1.1, 0.0, 1.0)
+    density = np.where(domain.is_void, 0.0, projection(filtered, 8.0, 0.5)[0])
+    mesh = solid_mesh(replace(domain, output=np.ones_like(domain.output)), contour(domain, filtered))
+    assert area(mesh) == pytest.approx(domain.grid.volumes @ density, rel=0.02)
 
 
 def test_exactly_the_void_inside_the_dome_is_wet():

@@ -98,6 +98,12 @@ def test_the_surface_with_its_images_is_watertight_and_has_eight_times_the_volum
     points, triangles = final_surface(domain.task, mesh, 0.0, 0)
     assert is_closed(triangles)
     assert volume(points, triangles) == pytest.approx(8.0 * tables(mesh, mesh.cells)[2].sum(), rel=1e-9)
+    witness = pytest.importorskip("trimesh").Trimesh(points, triangles)
+    assert witness.is_watertight
+    assert witness.is_winding_consistent
+    assert witness.volume == pytest.approx(volume(points, triangles), rel=1e-9)
+    # An outside, and the chamber within.
+    assert len(witness.split(only_watertight=True)) == 2
 
 
 @pytest.mark.slow

@@ -27,6 +27,8 @@ if TYPE_CHECKING:  # a node needs one half only, and not the modules of the othe
     from soro_core.estimation import Estimate, Estimator, EstimatorState, ImuSample, PoseSample
     from soro_core.integrate import Status
 
+AT_LIMIT_PART = 0.2
+"""Largest part of the set points at a bound, and of their changes at a limit of rate, of a good run."""
 # Distance of the tip from a configured reference that is named, part of the arm's length; that of `soro run`.
 _REACH = 0.1
 
@@ -81,7 +83,7 @@ class LoopState:
     learned: Learned | None = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Tick(Generic[S, O]):
     """One tick of the closed loop.
 
@@ -98,6 +100,8 @@ class Tick(Generic[S, O]):
         The answer; it is held back where its status is not ok.
     cpu_us : float
         CPU time of estimator and controller [us].
+    at_bound_part : float
+        Part of all set points until now at a bound, by `Command.saturated`.
     """
 
     t_s: float
@@ -106,6 +110,13 @@ class Tick(Generic[S, O]):
     estimate: Estimate
     command: Command
     cpu_us: float
+    at_bound_part: float
+
+    def __repr__(self) -> str:
+        pressures = ", ".join(f"{1e-3 * p:.1f}" for p in self.command.setpoint_pa)
+        note = self.command.status.note or self.command.status.message
+        until_now = f"{self.at_bound_part:.0%} of them at a bound until now"
+        return f"Tick({self.t_s:.3f} s: set points {pressures} kPa, {until_now}{note and f'; {note}'})"
 
 
 @dataclass(frozen=True)
@@ -210,7 +221,8 @@ class Loop:
             plant whose first tick is at 0, as that of the twin. A tick too late, and the estimate is a tick
             ahead of the arm.
 
-        A configured reference that the pressures cannot hold is named in the log.
+        The log names a configured reference that the pressures cannot hold and, at the end, a part of the set
+        points at a bound that is too large for a good run.
 
         Raises
         ------
@@ -221,7 +233,7 @@ class Loop:
             _name_out_of_reach(self.controller)
         state, inner = plant.initial(), self.initial_state(before_s)
         setpoint: Array = np.zeros(self.controller.arm.n_u)
-        under_way = deque([setpoint] * delay)
+        under_way, at_bound, part = deque([setpoint] * delay), 0, 0.0
         for k in range(ticks):
             if k > 0:
                 state = plant.step_setpoints(state, under_way.popleft())
@@ -235,7 +247,14 @@ class Loop:
             if command.status.ok:
                 setpoint = command.setpoint_pa
             under_way.append(setpoint)
-            yield Tick(k * dt, state, seen, estimate, command, spent)
+            at_bound += int(np.count_nonzero(command.saturated))
+            part = at_bound / ((k + 1) * len(setpoint))
+            yield Tick(k * dt, state, seen, estimate, command, spent, part)
+        if part > AT_LIMIT_PART:
+            text = (
+                "the loop has run with %.0f%% of the set points at a bound: lower the reference or the load"
+            )
+            logging.getLogger("soro_core").warning(text, 100.0 * part)
 
 
 def _name_out_of_reach(controller: Controller) -> None:

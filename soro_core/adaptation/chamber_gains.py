@@ -182,7 +182,7 @@ def chamber_model(arm: SoftArm, gain_std: float, slope_std: float, unit: Array) 
     """
     axial = arm.tables.axial_gain.sum(axis=0)
     straight = arm.actuation_matrix(np.zeros(arm.n_q)).T
-    fibre = np.divide(straight, axial[:, None], out=np.zeros_like(straight), where=axial[:, None] > 0.0)
+    fibre = np.divide(straight, axial[:, None], out=np.zeros_like(straight), where=axial[:, None] != 0.0)
     link = _links(arm.robot.chamber_names)
     gains, slopes = link.size, len(set(link.tolist()))
     lower = np.concatenate([np.full(gains, LEAST_GAIN), np.full(slopes, -MOST_SLOPE)])

@@ -254,9 +254,9 @@ class Learner:
         parts, judged_s, slopes, named = self._parts(within), state.judged_s + dt, state.slopes, state.named
         if judged_s >= _JUDGED_S:
             noise = self._rule.noise + self.slope @ covariance @ self.slope.T
-            adopted, mean = compared(slopes, sides, noise, judged_s)
+            adopted, sum_s = compared(slopes, sides, noise, judged_s)
             found = rivals(information, moment, self.first_slope, self._room(start, True))
-            slopes, judged_s = SlopeEvidence(adopted, mean, found), 0.0
+            slopes, judged_s = SlopeEvidence(adopted, sum_s, found), 0.0
             named = self._named(parts["chambers"], information)
         past = tuple((kept[0] + dt, *kept[1:]) for kept in state.past)
         if not past or past[-1][0] >= PAST_S:

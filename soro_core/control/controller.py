@@ -21,7 +21,7 @@ from soro_core.control.force.force_loop import ForceLoop
 from soro_core.control.gains import gains_of
 from soro_core.control.laws.call import call_law, try_law
 from soro_core.control.laws.guard import refused
-from soro_core.control.laws.limit_cycle import AskedForce, LimitCycleWatch, no_limit_cycle, scaled_feedback
+from soro_core.control.laws.limit_cycle import AskedForce, no_limit_cycle, scaled_feedback, watch_of
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.motions.motion import Planner
@@ -114,8 +114,7 @@ class Controller(GivenReferences):
             ),
             options_of(self.config.law, self.config.law_options),
         )
-        known, raises = self.pressures, config.gains.automatic and self.law.learns
-        self.limit_cycles = LimitCycleWatch(self.arm, model.links, known.preview_s, raises)
+        known, self.limit_cycles = self.pressures, watch_of(self.law)
         self._nothing = np.zeros(self.arm.n_u)
         self.force_loop = ForceLoop(self.arm, self.fields, self.gains.k_p, self.limit, config.force)
         self.observer = RegulatorObserver(known.lag_s, known.dead_time_s, known.play_pa)

@@ -18,7 +18,7 @@ from soro_core.control.command import ControllerState
 from soro_core.control.config import ControllerConfig
 from soro_core.control.controller import Controller
 from soro_core.control.gains import gains_of
-from soro_core.control.laws.limit_cycle import LimitCycleWatch, no_limit_cycle
+from soro_core.control.laws.limit_cycle import no_limit_cycle, watch_of
 from soro_core.control.laws.registry import options_of
 from soro_core.control.motions.references import check_configured, configured_reference
 from soro_core.control.pressures.actuation import CompletePressures, complete_pressures, with_own_range
@@ -121,8 +121,6 @@ def _with_keys(controller: Controller, config: ControllerConfig, pressures: Comp
     if config.gains != before.gains:
         ahead_s, factors = new.pressures.preview_s, new.law.feedback_factors
         new.gains = gains_of(new.arm, new.fields, config.gains, pieces, ahead_s, factors)
-        raises = config.gains.automatic and new.law.learns
-        new.limit_cycles = LimitCycleWatch(new.arm, pieces, ahead_s, raises)
     new.force_loop = new.force_loop.retuned(new.gains.k_p, config.force)
     if _moves_otherwise(before, config):
         new.configured = configured_reference(new.arm, new.bounds, config, new.pressures)
@@ -135,6 +133,7 @@ def _with_keys(controller: Controller, config: ControllerConfig, pressures: Comp
         configured=new.configured,
     )
     new.law = type(new.law)(setting, options_of(config.law, config.law_options))
+    new.limit_cycles = watch_of(new.law)
     return new
 
 

@@ -37,12 +37,18 @@ class SqueezeSettings(Strict):
         description="largest rate at which pressures rise in a slip: fingers that get longer faster than the "
         "object sinks push it, and press harder meanwhile [Pa/s]",
     )
-    slip_m: float = Field(1e-3, gt=0, description="tracked slip for which force rises by a factor e [m]")
+    slip_m: float = Field(7.5e-4, gt=0, description="tracked slip for which force rises by a factor e [m]")
     blind_s: float = Field(3.0, gt=0, description="the same for one that is not tracked: a time [s]")
     slip_s: float = Field(0.2, gt=0, description="shortest slip [s]")
-    slip_m_s: float = Field(3e-4, gt=0, description="speed of a tracked object that is a slip [m/s]")
+    still_m: float = Field(
+        1.2e-4, ge=0, description="how far noise moves a tracked object that does not slip, up or down [m]"
+    )
+    gone_m: float = Field(15e-3, gt=0, description="slip of a tracked object that is lost [m]")
     slip_part: float = Field(
-        0.2, gt=0, lt=1, description="part of the force that a slip takes away while the pressures hold"
+        0.2,
+        gt=0,
+        lt=1,
+        description="part of the force that an untracked slip takes away while the pressures hold",
     )
 
     @model_validator(mode="after")

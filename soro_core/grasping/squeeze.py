@@ -66,11 +66,22 @@ class SqueezeState:
         Squeeze that is asked for [N].
     smooth : tuple of (ndarray or None)
         Low-passed coordinates and pressures of each finger in one.
-    height_m : ndarray (2,)
-        Height of the object over the fingers' places of touch, behind one low-pass and behind two [m]; nan
-        where it is not tracked.
+    bend_n : float
+        Mean of what bends the fingers, which a load along them does not change where they stick [N].
+    height_m : float
+        Low-passed height of the object over the fingers' places of touch [m]; nan where it is not tracked.
+    mark_m : float
+        The same behind a play of `still_m`, which noise does not move [m].
+    slid_m : float
+        How far it has slipped down in this tick [m].
+    still_s : float
+        Time since it last slipped, where it is tracked [s].
+    begun_m : float
+        `height_m` at the touch [m].
+    bound : str
+        What has kept the hand from squeezing harder since then; empty where nothing has.
     held_n : float
-        Mean squeeze since the pressures hold [N].
+        `bend_n` since the pressures hold [N].
     since_s : float
         Time in this phase [s].
     felt_s : float
@@ -88,7 +99,13 @@ class SqueezeState:
     along_n: Array
     goal_n: float
     smooth: tuple[Array | None, ...]
-    height_m: Array
+    bend_n: float = 0.0
+    height_m: float = np.nan
+    mark_m: float = np.nan
+    slid_m: float = 0.0
+    still_s: float = np.inf
+    begun_m: float = np.nan
+    bound: str = ""
     held_n: float = 0.0
     since_s: float = 0.0
     felt_s: float = 0.0
@@ -128,8 +145,8 @@ class Squeeze:
     def initial_state(self) -> SqueezeState:
         """Return the state of an open hand."""
         n, s = len(self.fingers), self.settings
-        none, nan = np.zeros(n), np.full(2, np.nan)
-        return SqueezeState("open", none, np.zeros(n, dtype=bool), none, none, s.force_n, (None,) * n, nan)
+        none = np.zeros(n)
+        return SqueezeState("open", none, np.zeros(n, dtype=bool), none, none, s.force_n, (None,) * n)
 
     def pressures(self, state: SqueezeState) -> list[Array]:
         """Return the pressures that are wanted of each finger, (n_u,) [Pa gauge]."""
@@ -174,13 +191,13 @@ class Squeeze:
         if felt.height_m is not None and not np.isfinite(felt.height_m):
             raise ConfigError("felt", "height_m", felt.height_m, "a finite number, or None")
         new = dt / (s.filter_s + dt)
-        force, across, along = np.zeros(n), np.zeros(n), np.full(n, np.nan)
+        force, bend, across, along = np.zeros(n), np.zeros(n), np.zeros(n), np.full(n, np.nan)
         smooth, places, touches = list[Array | None](), list[float](), state.touches.copy()
         for i, (one, q, p, last) in enumerate(
             zip(self.fingers, felt.q, felt.pressure_pa, state.smooth, strict=True)
         ):
             if q is None:
-                force[i] = across[i] = (state.level_pa[i] - s.touch_pa) / s.pa_per_n
+                force[i] = bend[i] = across[i] = (state.level_pa[i] - s.touch_pa) / s.pa_per_n
                 smooth.append(None)
                 touches[i] |= state.level_pa[i] >= s.touch_pa
                 continue
@@ -190,7 +207,7 @@ class Squeeze:
             row = row if last is None else last + new * (row - last)
             smooth.append(row)
             feels = one.feel(row[: one.arm.n_q], row[one.arm.n_q :])
-            force[i], along[i] = feels.squeeze_n, feels.along_n
+            force[i], bend[i], along[i] = feels.squeeze_n, feels.bend_n, feels.along_n
             across[i] = feels.across_n + feels.doubt_n
             # A low-pass of white noise leaves this part of its deviation.
             noise = feels.noise_n * np.sqrt(new / (2.0 - new))
@@ -198,11 +215,13 @@ class Squeeze:
             places.append(feels.place_m[2])
         # Fingers get longer, and what sticks to them goes with them.
         below = float(np.mean(places)) if places else 0.0
-        height = np.full(2, np.nan if felt.height_m is None else felt.height_m - below)
+        height = np.nan if felt.height_m is None else felt.height_m - below
         is_as_before = [row is None for row in smooth] == [row is None for row in state.smooth]
-        if is_as_before and np.isfinite(state.height_m).all():
-            first = state.height_m[0] + new * (height[0] - state.height_m[0])
-            height = np.array([first, state.height_m[1] + new * (first - state.height_m[1])])
+        mark, slid = height, 0.0
+        if is_as_before and np.isfinite(state.height_m):
+            height = state.height_m + new * (height - state.height_m)
+            mark = min(max(state.mark_m, height - s.still_m), height + s.still_m)
+            slid = max(state.mark_m - mark, 0.0)
         looks = state.phase in ("closing", "touching") and state.felt_s > _SETTLED * s.filter_s
         return replaced(
             state,
@@ -210,7 +229,11 @@ class Squeeze:
             force_n=force,
             along_n=along,
             touches=touches if looks else state.touches,
+            bend_n=float(bend.mean()),
             height_m=height,
+            mark_m=mark,
+            slid_m=slid,
+            still_s=0.0 if slid > 0.0 else state.still_s + dt,
             since_s=state.since_s + dt,
             felt_s=state.felt_s + dt,
             most_n=float(across.max()),
@@ -220,7 +243,7 @@ class Squeeze:
         """Close each finger until it touches."""
         s = self.settings
         if state.touches.all():
-            return _begin(state, "squeezing")
+            return _begin(state, "squeezing", begun_m=state.height_m, bound="")
         if state.touches.any() and state.phase == "closing":
             state = _begin(state, "touching")
         waits = state.level_pa >= s.most_pa
@@ -232,32 +255,35 @@ class Squeeze:
     def _squeezing(self, state: SqueezeState, dt: float) -> SqueezeState:
         """Raise all pressures together: fingers that each keep a force of their own push the object away."""
         s, mean = self.settings, float(state.force_n.mean())
-        is_limited = state.most_n >= s.limit_n or state.level_pa.max() >= s.most_pa
-        if is_limited or mean >= _REACHED * state.goal_n:
-            return _begin(state, "holding", held_n=mean)
+        if self._bound(state) or mean >= _REACHED * state.goal_n:
+            return _begin(state, "holding", held_n=state.bend_n)
         rate = np.clip((state.goal_n - mean) * s.pa_per_n / s.filter_s, -s.close_pa_s, s.close_pa_s)
         return self._limited(state, state.level_pa + dt * rate, dt)
 
     def _holding(self, state: SqueezeState, dt: float) -> SqueezeState:
-        """Keep the pressures, and look for a slip."""
-        mean = float(state.force_n.mean())
-        if state.since_s <= _SETTLED * self.settings.filter_s:
-            state = replaced(state, held_n=mean)
+        """Keep the pressures, and look for a slip; untracked, squeeze for what a lift takes away."""
+        s, mean, keeps = self.settings, float(state.force_n.mean()), 1.0 - self.settings.slip_part
+        if state.since_s <= _SETTLED * s.filter_s:
+            state = replaced(state, held_n=state.bend_n, mark_m=state.height_m, still_s=np.inf)
         elif self._slips(state):
-            goal = state.held_n if np.isnan(self._falls(state)) else max(mean, self.settings.touch_n)
-            return _begin(state, "slipping", goal_n=min(goal, self.settings.limit_n))
+            return _begin(state, "slipping", goal_n=min(max(mean, s.touch_n), s.limit_n))
+        elif np.isnan(state.height_m) and mean < keeps * state.goal_n and not self._bound(state):
+            return _begin(state, "squeezing")
         return self._limited(state, state.level_pa, dt)
 
     def _slipping(self, state: SqueezeState, dt: float) -> SqueezeState:
         """Squeeze harder for as long as it slips: by a factor e for a length that it slips, or for a time."""
-        s, mean, falls = self.settings, float(state.force_n.mean()), self._falls(state)
+        s, mean = self.settings, float(state.force_n.mean())
         if state.since_s >= s.slip_s:
+            # Fingers that meet each other feel a force, too.
+            if state.force_n.max() < s.touch_n or state.height_m < state.begun_m - s.gone_m:
+                why = f", {state.bound} is too low to hold it" if state.bound else ""
+                return _begin(state, "opening", cause=f"the object is gone{why}")
             if not self._slips(state):
-                return _begin(state, "holding", held_n=mean)
-            if state.force_n.max() < s.touch_n:
-                return _begin(state, "opening", cause="the object is gone")
-        rises = 1.0 / s.blind_s if np.isnan(falls) else max(falls, 0.0) / s.slip_m
-        state = replaced(state, goal_n=min(state.goal_n * np.exp(dt * rises), s.limit_n))
+                return _begin(state, "holding", held_n=state.bend_n)
+        rises = state.slid_m / s.slip_m if np.isfinite(state.height_m) else dt / s.blind_s
+        goal = min(state.goal_n * np.exp(rises), s.limit_n)
+        state = replaced(state, goal_n=goal, bound=self._bound(state) or state.bound)
         rate = np.clip((state.goal_n - mean) * s.pa_per_n / s.filter_s, 0.0, s.rise_pa_s)
         return self._limited(state, state.level_pa + dt * rate, dt)
 
@@ -267,15 +293,20 @@ class Squeeze:
         return state if level.any() else _begin(state, "open", touches=np.zeros_like(state.touches))
 
     def _slips(self, state: SqueezeState) -> bool:
-        """Whether the object moves down, or, where nothing tracks it, has taken force away."""
-        s, falls = self.settings, self._falls(state)
-        if np.isfinite(falls):
-            return falls > s.slip_m_s
-        return float(state.force_n.mean()) < (1.0 - s.slip_part) * state.held_n
+        """Whether the object sinks, or, where nothing tracks it, fingers bend less under the same pressures.
 
-    def _falls(self, state: SqueezeState) -> float:
-        """Speed at which a tracked object sinks against the fingers [m/s]; nan without tracking."""
-        return float(state.height_m[1] - state.height_m[0]) / self.settings.filter_s
+        A load along the fingers changes their force, too, but no bend of fingers to which the object sticks.
+        """
+        s = self.settings
+        if np.isfinite(state.height_m):
+            return state.still_s < s.slip_s
+        return state.bend_n < (1.0 - s.slip_part) * state.held_n
+
+    def _bound(self, state: SqueezeState) -> str:
+        """What keeps the hand from squeezing harder; empty where nothing does."""
+        if state.most_n >= self.settings.limit_n:
+            return "the crush limit"
+        return "the largest pressure" if state.level_pa.max() >= self.settings.most_pa else ""
 
     def _limited(self, state: SqueezeState, level: Array, dt: float) -> SqueezeState:
         """Return the state with these pressures; at the crush limit they only fall."""

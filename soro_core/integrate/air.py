@@ -125,13 +125,17 @@ def air_behind(arm: SoftArm, valves: ValveModel | None) -> Air:
 def chamber_volumes(arm: SoftArm) -> Array:
     """Return the volumes (n_u,) of the chambers at q = 0 [m^3]: volume_m3, or else area times length.
 
+    Of a muscle the area is that of its section.
+
     Raises
     ------
     ModelError
         If a volume is not positive.
     """
-    given = [chamber.volume_m3 for link in arm.robot.links for chamber in link.chambers]
+    chambers = [chamber for link in arm.robot.links for chamber in link.chambers]
+    given = [chamber.volume_m3 for chamber in chambers]
     derived = arm.tables.axial_gain.sum(axis=0)
+    derived *= [1.0 if one.muscle is None else one.muscle.section_m2 / one.muscle.area_m2 for one in chambers]
     volume = np.array([one if one is not None else own for one, own in zip(given, derived, strict=True)])
     for name, one in zip(arm.robot.chamber_names, volume, strict=True):
         if not one > 0.0:

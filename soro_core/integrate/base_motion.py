@@ -91,7 +91,7 @@ def with_base(t: Tables) -> Tables:
     def wider(values: Array) -> Array:
         return np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, WIDTH)])
 
-    by_input = ("chamber_samples", "actuation", "area_rate", "area_saturation", "axial_gain")
+    by_input = ("chamber_samples", "actuation", "area_rate", "area_saturation", "braid", "axial_gain")
     wide: dict[str, Any] = {name: wider(getattr(t, name)) for name in (*by_input, "dead_band", "swell")}
     return t._replace(
         base_rotation=t.base_rotation.copy(),

@@ -14,14 +14,13 @@ import numpy as np
 from soro_core.adaptation.learning.bounds import bounded_minimum
 from soro_core.arrays import Array
 
-# Time over which the evidence is a mean [s].
-_MEAN_S = 2.0
-# Slopes come into force where the squares that are missed without them are larger by exp(0.6) = 1.8, and go
-# where they are smaller by as much. What they explain is no longer missed, and W has got used to them: no
-# evidence is none against them.
-_ENOUGH = 0.6
-# Squares, by the noise, that are as good as none: there is nothing to explain.
-_AS_NONE = 0.05
+# Slopes come into force at this sum over time of the logarithm of the squares that are missed without them,
+# by those with them [s], and go at as much against them (ADR 0088). What slopes explain is no longer missed,
+# and W has got used to them: no evidence is none against them.
+_ENOUGH_S = 0.37
+# Added to both squares, in those of the noise: what is well within five deviations counts little. A stiffness
+# that W has still to learn misses less, and for some seconds; a slope for as long as it is not in force.
+_ADDED = 25.0
 
 
 @dataclass(frozen=True)
@@ -32,15 +31,15 @@ class SlopeEvidence:
     ----------
     adopted : bool
         Whether the slopes are in force; else they stay at their start.
-    mean : float
-        Mean logarithm of the ratio of the squares that are missed without and with slopes; at least 0 while
-        they are not in force.
+    sum_s : float
+        Sum over time of the logarithm of the ratio of the squares that are missed without and with slopes
+        [s]: at least 0 while they are not in force, at most 0 while they are (Page's test).
     rivals : ndarray (2, size) or None
         Best values without and with slopes, beyond the start, when they were compared last.
     """
 
     adopted: bool = False
-    mean: float = 0.0
+    sum_s: float = 0.0
     rivals: Array | None = None
 
 
@@ -50,7 +49,7 @@ NO_EVIDENCE = SlopeEvidence()
 def compared(
     evidence: SlopeEvidence, sides: tuple[Array, Array], noise: Array, since_s: float
 ) -> tuple[bool, float]:
-    """Return `adopted` and `mean` after a sample.
+    """Return `adopted` and `sum_s` after a sample.
 
     Parameters
     ----------
@@ -63,16 +62,16 @@ def compared(
         Time since the rivals were found [s].
     """
     if evidence.rivals is None:
-        return evidence.adopted, evidence.mean
+        return evidence.adopted, evidence.sum_s
     residual, regressor = sides
     missed = residual[:, None] - regressor @ evidence.rivals.T
-    without, beside = np.mean(missed * np.linalg.solve(noise, missed), axis=0) + _AS_NONE
-    mean = evidence.mean + since_s / _MEAN_S * (math.log(without / beside) - evidence.mean)
-    if evidence.adopted:
-        return mean > -_ENOUGH, mean
-    # A start that swings speaks against what is not in force, and would delay it.
-    mean = max(mean, 0.0)
-    return mean > _ENOUGH, mean
+    without, beside = np.mean(missed * np.linalg.solve(noise, missed), axis=0) + _ADDED
+    total = evidence.sum_s + since_s * math.log(without / beside)
+    # The 0 stands first: a sum that is no number is no evidence.
+    total = min(0.0, total) if evidence.adopted else max(0.0, total)
+    if abs(total) > _ENOUGH_S:
+        return not evidence.adopted, 0.0
+    return evidence.adopted, total
 
 
 def rivals(information: Array, moment: Array, first: int, room: tuple[Array, Array]) -> Array:

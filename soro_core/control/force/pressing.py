@@ -13,9 +13,11 @@ from soro_core.control.reference.active_reference import STREAM_S
 from soro_core.control.reference.trajectory import Reference
 from soro_core.frozen import replaced
 
-# Part of the goal from which on the tip touches something, at most so much [N]; and the part of this force
-# below which it has left.
-_TOUCH, _MOST_TOUCH_N, _LEAVES = 0.3, 0.015, 0.3
+# Part of the goal from which on the tip touches something, at most so much [N]; where something stops it, at
+# most so much [N]; and the part of the first force below which it has left.
+_TOUCH, _MOST_TOUCH_N, _STOPPED_TOUCH_N, _LEAVES = 0.3, 0.015, 0.0045, 0.3
+# Time of an approach after which the tip moves [s], and the part of its speed below which something stops it.
+_MOVES_S, _STOPPED = 0.5, 0.5
 # How far the reference of an approach may be ahead of the tip [m]: out of reach the tip does not follow.
 _MOST_AHEAD_M = 0.006
 
@@ -73,7 +75,14 @@ def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt
     goal = min(press.force_n, config.cap_n or np.inf)
     touch = min(_TOUCH * goal, _MOST_TOUCH_N)
     back = fade(across(state.moved, direction), config.approach_speed_m_s, dt)
-    if force > (_LEAVES * touch if state.phase == "contact" else touch):
+    if state.phase == "contact":
+        least = _LEAVES * touch
+    else:
+        # Where something stops the tip, the reference goes on into what is there.
+        is_slow = float(direction @ state.speed) < _STOPPED * config.approach_speed_m_s
+        is_stopped = is_slow and state.approach_s > _MOVES_S and state.felt.tip is not None
+        least = min(touch, _STOPPED_TOUCH_N) if is_stopped else touch
+    if force > least:
         if state.phase != "contact":
             state = push.touched(state, press.q, direction, force)
         state = replaced(state, pressed_n=force, toward=direction)

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from soro_core.adaptation.scales import scales_of
 from soro_core.arrays import Array
 from soro_core.control.control_monitor import DEFICIT_PA, DEFICIT_S
-from soro_core.control.laws.protocol import ArmBelief, Terms
+from soro_core.control.laws.protocol import ArmBelief, Law, Terms
 from soro_core.errors import ConfigError
 from soro_core.frozen import replaced
 
@@ -251,6 +251,13 @@ class LimitCycleWatch:
         return _turned(after, turned, signal, feedback, shortest_s) if any(turned.tolist()) else after
 
 
+def watch_of(law: Law[Any]) -> LimitCycleWatch:
+    """Return the watch of a law; of those that learn, automatic gains are raised where the arm needs it."""
+    of = law.setting
+    raises = of.config.gains.automatic and law.learns
+    return LimitCycleWatch(of.arm, of.pieces, of.pressures.preview_s, raises)
+
+
 def scaled_feedback(terms: Terms, desired: Array, part: float) -> tuple[Terms, Array]:
     """Return terms and desired force of a law with its feedback times a factor.
 
@@ -303,7 +310,7 @@ def _turned(
     part, note = state.part, state.note
     if swings.any():
         part, hz = max(_LOWERED * part, _LEAST_PART), 0.5 / float(durations_s[:n][swings].mean())
-        note = f"limit cycle at {hz:.1f} Hz: feedback lowered to {part:.2g} of its gains"
+        note = f"limit cycle at {hz:.1f} Hz: feedback lowered to {part:.2g} times its gains"
         times_s[:n] = np.nan  # what the lowered feedback makes of it is judged anew
     return replaced(
         state,

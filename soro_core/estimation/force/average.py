@@ -18,7 +18,7 @@ _ALONG_PER_S = 0.3
 # Square of the deviations of the noise from which on another force is a new one.
 _NEW = 25.0
 # Error of the force of inertia along the weak direction, in parts of that across it.
-_INERTIA_ALONG = 3.0
+INERTIA_ALONG = 3.0
 # Parts of a new force along the weak direction that are expected, of that across it: of a push, and of what
 # may be a load.
 ALONG, ALONG_LOAD = 0.5, 5.0
@@ -87,7 +87,7 @@ def averaged(
     """
     _, noise_across, noise_along = seen.density.variances.tolist()
     noise_across = (noise_across + seen.inertia) / max(dt, 1e-3)
-    noise_along = (noise_along + seen.inertia * _INERTIA_ALONG**2) / max(dt, 1e-3)
+    noise_along = (noise_along + seen.inertia * INERTIA_ALONG**2) / max(dt, 1e-3)
     if before is None or dt <= 0.0:
         return Average(seen.force_n, noise_along, noise_across)
     weak, off = seen.density.weak, seen.force_n - before.force_n

@@ -24,10 +24,11 @@ from soro_core.estimation.force.average import (
     axes_of,
     covariance_of,
 )
+from soro_core.estimation.force.before import kept, read
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, hold
 from soro_core.estimation.force.stage import ForceSeen, next_stage
-from soro_core.estimation.force.state import ForceState, Seen, known_before
+from soro_core.estimation.force.state import ForceState, Seen
 from soro_core.estimation.force.tip_balance import Measured, TipBalance, TipBalancer
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.model import SoftArm
@@ -122,16 +123,19 @@ class ForceObserver:
         dt, theta = state.passed_s - start_s, self._nothing
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
-        state = state._replace(past=known_before(state, float(theta[0]), dt))
-        bent = np.zeros(self.arm.n_q)
-        if state.stage.stage != "free" and state.past:
+        bent, modulus = np.zeros(self.arm.n_q), 1.0
+        if state.stage.stage == "free":
+            state = state._replace(past=kept(state.past, theta, state.q, dt), reading=None)
+        elif state.past:
             # What is learned as a load since then may be the push.
-            theta = np.concatenate([[state.past[0].mass_kg], theta[1:]])
-            bent = q - state.past[0].q
+            reading = state.reading or read(self.force, state.past[0], self.config.model_std_pa)
+            state = state._replace(reading=reading)
+            theta, modulus, bent = reading.theta_of(theta), reading.modulus, q - state.past[0].q
         losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), measured.qd)
         measured = measured._replace(force=measured.force + losses)
-        balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q)
-        if balance is None:
+        balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q, modulus)
+        tip = None if balance is None else self._tip(balance)
+        if balance is None or tip is None:
             return state.begun_anew(state.due_s)
         noise = self._noise(balance, state)
         density = axes_of(state.interval_s * noise)
@@ -151,9 +155,14 @@ class ForceObserver:
             # No coordinates may have the place there.
             with contextlib.suppress(ModelError, np.linalg.LinAlgError):
                 held = hold(self.force, state.held, place, learned, part, dt)
-        tip = self.balancer.fine.pose(balance.x, self.balancer.fine.length)[:3, 3]
         external = ExternalForce(slow, stage.doubt * covariance, stage.stage, stage.mass_free, tip)
         return state._replace(stage=stage, held=held, external=external)
+
+    def _tip(self, balance: TipBalance) -> Array | None:
+        """Return the tip of a balance; None where Newton's method left what an arm can be."""
+        with contextlib.suppress(ModelError):
+            return self.balancer.fine.pose(balance.x, self.balancer.fine.length)[:3, 3]
+        return None
 
     def _averaged(
         self, state: ForceState, measured: Measured, density: Axes, mass_kg: float, q: Array, dt: float

@@ -16,7 +16,7 @@ import numpy as np
 
 from soro_core.adaptation.external_force import Stage
 from soro_core.arrays import Array
-from soro_core.estimation.force.average import ALONG
+from soro_core.estimation.force.average import ALONG, INERTIA_ALONG
 
 # Squares of the deviations (chi-square of 3 and of 2 components) of a force and of what no load explains,
 # beyond which they are there, and below which they have gone. The first is that of five deviations: a learner
@@ -28,6 +28,9 @@ _FORCE_S, _GONE_S, _NO_LOAD_S, _A_LOAD_S = 0.015, 0.4, 0.25, 0.3
 # How long a load must explain an outside force, from which on it is one [s], and by how much better than a
 # push (logarithm of 20): one is as rare as the other.
 _LOAD_S, _LIKELIER = 0.2, 3.0
+# How long the mass waits, while the arm swings, until a load is likelier or may have gone [s]; and then while
+# a push is likelier. After a load it waits no more: a heavy one that is not yet known shakes the arm.
+_ASKS_S = 0.6
 # Time of the mean of what is usual, and that of a moving arm after which what is neither a load nor a contact
 # becomes usual and is learned [s].
 _USUAL_S, _LEARNED_S = 1.0, 2.0
@@ -59,6 +62,10 @@ class StageState(NamedTuple):
         Largest acceleration of the tip of late, as a part of gravity.
     usual : float
         Mean square of the force of late in its deviations, without one from outside; 3 if these are right.
+    asks_s : float
+        Time for which it may be open whether an outside force is a load [s]; below 0 once it may be one.
+    is_push : bool
+        Whether an outside force is not to be learned as a load.
     """
 
     stage: Stage = "free"
@@ -72,6 +79,8 @@ class StageState(NamedTuple):
     largest_n: float = 0.0
     swing: float = 0.0
     usual: float = 30.0
+    asks_s: float = _ASKS_S
+    is_push: bool = False
 
     @property
     def doubt(self) -> float:
@@ -81,7 +90,7 @@ class StageState(NamedTuple):
     @property
     def mass_free(self) -> bool:
         """Whether what pushes, or has just pushed, may be a load."""
-        return self.stage != "contact" and self.left_s <= 0.0
+        return self.stage != "contact" and not self.is_push and self.left_s <= 0.0
 
 
 class ForceSeen(NamedTuple):
@@ -142,7 +151,8 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     strength = _across(*slow)
     largest_n = max(state.largest_n, strength)
     # The error of the force of inertia hides a small rest of a force, not the force.
-    still_n = inertia_kg * weight * swing if strength < _LEFT * largest_n else 0.0
+    inertia_n = inertia_kg * weight * swing
+    still_n = inertia_n if strength < _LEFT * largest_n else 0.0
 
     def left(force: Array, covariance: Array) -> float:
         return _size(force, _beside_weakest(force, state.doubt * covariance + still_n**2 * np.eye(3)))
@@ -156,7 +166,14 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     # Without the doubt by the swing, in which everything is a load.
     is_load = _rest(*told, gravity, load_kg) < _A_LOAD
     load_s = state.load_s + dt if is_load else 0.0
-    likelier_s = state.likelier_s + dt if is_load and _likelier(*told, gravity) > _LIKELIER else 0.0
+    swung = told[0], _swung(told[1], inertia_n)
+    likelier = _likelier(*swung, gravity)
+    may_be_load = _rest(*swung, gravity, load_kg) < _A_LOAD
+    likelier_s = state.likelier_s + dt if may_be_load and likelier > _LIKELIER else 0.0
+    # A push that is learned as a load makes the law push back, and may fell a soft arm.
+    is_told = likelier > _LIKELIER or (may_be_load and _load_change(*swung, gravity) < 0.0)
+    asks_s = -1.0 if is_told or state.asks_s < 0.0 else max(state.asks_s - dt, 0.0)
+    is_push = asks_s > 0.0 or (asks_s == 0.0 and likelier < -_LIKELIER)
     stage: Stage = state.stage
     if gone_s > _GONE_S:
         stage, left_s = "free", _LEFT_S
@@ -171,7 +188,8 @@ def next_stage(state: StageState, seen: ForceSeen, dt: float) -> StageState:
     if stage == "free" and not is_force:
         usual = _more_usual(usual, size, dt)
     times = force_s, gone_s, no_load_s, load_s, likelier_s, outside_s, left_s
-    return StageState(stage, *times, largest_n, swing, usual)
+    is_push = is_push and stage == "outside force"
+    return StageState(stage, *times, largest_n, swing, usual, asks_s, is_push)
 
 
 def _more_usual(usual: float, size: float, dt: float) -> float:
@@ -194,6 +212,13 @@ def _beside_weakest(force: Array, covariance: Array) -> Array:
     return np.asarray(covariance + share * float(weakest @ force) ** 2 * np.outer(weakest, weakest))
 
 
+def _swung(covariance: Array, inertia_n: float) -> Array:
+    """Return the covariance with that by an error of the force of inertia [N], which no average takes out."""
+    weak = np.linalg.eigh(covariance)[1][:, -1]
+    by_inertia = np.eye(3) + (INERTIA_ALONG**2 - 1.0) * np.outer(weak, weak)
+    return np.asarray(covariance + inertia_n**2 * by_inertia)
+
+
 def _across(force: Array, covariance: Array) -> float:
     """Return how much of a force is across the direction of the largest deviation [N]."""
     weakest = np.linalg.eigh(covariance)[1][:, -1]
@@ -202,10 +227,15 @@ def _across(force: Array, covariance: Array) -> float:
 
 def _rest(force: Array, covariance: Array, gravity: Array, load_kg: float) -> float:
     """Return the same of what the best change of the load leaves."""
-    by_force, by_gravity = np.linalg.solve(covariance, np.column_stack([force, gravity])).T
-    along = float(gravity @ by_gravity)
-    change_kg = max(float(gravity @ by_force) / along, -max(load_kg, 0.0)) if along > 0.0 else 0.0
+    change_kg = max(_load_change(force, covariance, gravity), -max(load_kg, 0.0))
     return _size(force - change_kg * gravity, covariance)
+
+
+def _load_change(force: Array, covariance: Array, gravity: Array) -> float:
+    """Return the change of the load that explains a force best [kg]."""
+    by_gravity = np.linalg.solve(covariance, gravity)
+    along = float(gravity @ by_gravity)
+    return float(force @ by_gravity) / along if along > 0.0 else 0.0
 
 
 def _likelier(force: Array, covariance: Array, gravity: Array) -> float:

@@ -8,12 +8,10 @@ from typing import NamedTuple
 from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 from soro_core.estimation.force.average import Average
+from soro_core.estimation.force.before import Before, Reading
 from soro_core.estimation.force.hold import TipHold
 from soro_core.estimation.force.stage import StageState
 from soro_core.estimation.force.tip_balance import Measured, TipBalance
-
-# A force is seen up to two of these times after it has begun to teach [s].
-_PAST_S = 0.2
 
 
 class Seen(NamedTuple):
@@ -39,14 +37,6 @@ class Seen(NamedTuple):
     q: Array
     qd: Array
     internal: Array
-
-
-class Before(NamedTuple):
-    """What was known a while ago [s]: the load [kg], and coordinates."""
-
-    age_s: float
-    mass_kg: float
-    q: Array
 
 
 class ForceState(NamedTuple):
@@ -76,8 +66,7 @@ class ForceState(NamedTuple):
     average, of_any : Average or None
         That of its force, as of a push; and the same as of a push or a load.
     past : tuple of `Before`
-        What was known up to two times `_PAST_S` before now, or before the present force from outside, oldest
-        first.
+        What was known up to 0.4 s before now, or before the present force from outside, oldest first.
     speed : ndarray (3,) or None
         Velocity of the tip behind a slow low-pass [m/s].
     acceleration : float
@@ -87,6 +76,8 @@ class ForceState(NamedTuple):
         What holds the arm from outside, for the filter; None while it is free.
     external : ExternalForce or None
         The estimate; None before the first.
+    reading : Reading or None
+        What was known before the present force, read for the arm that it bends; None while it is free.
     """
 
     due_s: float = -math.inf
@@ -107,26 +98,8 @@ class ForceState(NamedTuple):
     stage: StageState = StageState()
     held: TipHold | None = None
     external: ExternalForce | None = None
+    reading: Reading | None = None
 
     def begun_anew(self, due_s: float) -> ForceState:
         """Return the state without an estimate; what was touched, and the sensor, may be the same."""
         return ForceState(due_s=due_s, stage=self.stage, scatter=self.scatter)
-
-
-def known_before(state: ForceState, mass_kg: float, dt: float) -> tuple[Before, ...]:
-    """Return what was known, with what is known now while nothing pushes.
-
-    Parameters
-    ----------
-    state : ForceState
-    mass_kg : float
-        Learned load at the tip [kg].
-    dt : float
-        Time since the last estimate [s].
-    """
-    if state.stage.stage != "free":
-        return state.past
-    kept = tuple(one._replace(age_s=one.age_s + dt) for one in state.past)
-    if state.q is None or (kept and kept[-1].age_s < _PAST_S):
-        return kept
-    return (*kept[-1:], Before(0.0, mass_kg, state.q))

@@ -27,6 +27,8 @@ from soro_core.model.equilibrium.finer_arm import finer_arm
 _FIRST, _NEXT = 8, 1
 # Largest change of a strain, in units of q, by one step of Newton, at which this is near to the balance.
 _FAR = 0.4
+# Tables to which the elastic force is proportional.
+_OF_MODULUS = ("stiffness", "law_share")
 
 
 class Measured(NamedTuple):
@@ -101,7 +103,9 @@ class TipBalancer:
         self.arm, self.scales = arm, scales_of(arm, links)
         self.fine, self.spread = finer_arm(arm, pieces)
         refuse_underivable(self.fine.robot, self.fine.method)
-        tables = self.fine.tables._replace(tip_mass=self.fine.tables.tip_mass.copy())
+        file = self.fine.tables
+        tables = file._replace(**{name: getattr(file, name).copy() for name in ("tip_mass", *_OF_MODULUS)})
+        self._of_modulus = [(getattr(tables, name), getattr(file, name)) for name in _OF_MODULUS]
         self._box = kernel.make_fine_arm(
             tables,
             np.ascontiguousarray(self.spread.T / pieces),
@@ -113,7 +117,13 @@ class TipBalancer:
         self._site = lru_cache(maxsize=16)(lambda s: find_site(self.fine.robot, self.fine.tables, s)[:])
 
     def step(
-        self, before: TipBalance | None, measured: Measured, theta: Array, s: float, q: Array
+        self,
+        before: TipBalance | None,
+        measured: Measured,
+        theta: Array,
+        s: float,
+        q: Array,
+        modulus: float = 1.0,
     ) -> TipBalance | None:
         """Return the balance, None where Newton's method finds none.
 
@@ -128,7 +138,11 @@ class TipBalancer:
             The measured place, along the whole arm [m].
         q : ndarray (n_q,)
             Estimated coordinates, where a first one begins.
+        modulus : float
+            Elastic force of the arm as a part of that of its file.
         """
+        for used, of_file in self._of_modulus:
+            np.multiply(modulus, of_file, out=used)
         n, n_u = self.arm.n_q, self.arm.n_u
         x = self.spread @ q if before is None else before.x.copy()
         force = np.zeros(3) if before is None else before.force_n.copy()

@@ -68,7 +68,7 @@ def test_a_swing_is_known_within_two_periods_with_its_frequency(hz, dt):
 
     found, state = watched(error, seconds=begin_s + 3.0 / hz, dt=dt)
     assert found[0] <= begin_s + 2.0 / hz
-    told = re.fullmatch("limit cycle at (.*) Hz: feedback lowered to 0.5 of its gains", state.note)
+    told = re.fullmatch("limit cycle at (.*) Hz: feedback lowered to 0.5 times its gains", state.note)
     assert float(told[1]) == pytest.approx(hz, rel=0.06)
 
 

@@ -51,9 +51,7 @@ def several(control):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("hz", "make"), [(1, single), (2, tip), (5, several), (20, single), (200, tip), (200, several)]
-)
+@pytest.mark.parametrize(("hz", "make"), [(1, single), (5, several), (20, single), (200, tip)])
 def test_what_is_sent_repeatedly_ends_where_one_message_ends(control, hz, make):
     once, often = (drive(control, 4.0, rate, make(control)) for rate in (None, hz))
     for one, two in zip(once, often, strict=True):
@@ -73,7 +71,7 @@ def test_poses_that_differ_a_little_are_no_harm(control):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("hz", [5, 20, 200])
+@pytest.mark.parametrize("hz", [5, 200])
 def test_a_streamed_circle_is_followed_with_the_stated_lag(control, hz, figure):
     """12 mm in 6 s, one message and two time constants late; it stops where the stream stops."""
 

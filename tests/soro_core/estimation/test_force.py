@@ -6,6 +6,8 @@ from scipy.optimize import root
 
 from soro_core import SoftArm, load_robot
 from soro_core.adaptation.config import LearnerConfig
+from soro_core.adaptation.force import LearnedForce
+from soro_core.adaptation.learned import Learned
 from soro_core.adaptation.learner import Learner
 from soro_core.adaptation.learning.state import LearnerSample
 from soro_core.config import with_changes
@@ -13,10 +15,14 @@ from soro_core.control import Controller, ControllerConfig
 from soro_core.control.reference.trajectory import Hold
 from soro_core.estimation import Estimator, EstimatorConfig
 from soro_core.estimation.force.average import NoisyForce, averaged, axes_of, covariance_of
+from soro_core.estimation.force.before import Before, read
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.observer import ForceObserver, Noise
 from soro_core.estimation.force.stage import ForceSeen, StageState, next_stage
+from soro_core.estimation.force.state import ForceState, Seen
 from soro_core.estimation.force.tip_balance import Measured, TipBalancer
+from soro_core.estimation.learned_input import LearnedInput
+from soro_core.frozen import replaced
 from soro_core.loop import Loop
 from soro_core.twin import Twin, TwinConfig
 from tests.soro_core.loop.arms import BY_NAME
@@ -24,6 +30,7 @@ from tests.soro_core.loop.loop_harness import Harness, Setup
 
 ROBOT = load_robot("tue_three_bellow")
 ARM = SoftArm(ROBOT)
+STILL = np.zeros(ARM.n_q)
 PRESSURE = np.array([40e3, 10e3, 25e3])
 GRAVITY = np.array([0.0, 0.0, -9.81])
 SURE = np.diag([4e-3, 4e-3, 50e-3]) ** 2
@@ -126,6 +133,41 @@ def test_a_balance_that_jumps_is_found_again_or_given_up():
     assert followed is None or np.allclose(followed.force_n, fresh.force_n, atol=1e-3)
 
 
+def learned_at(q, force):
+    """A force that is learned at coordinates, as one that is the same everywhere; and 10 g."""
+    learned = LearnedForce(ARM)
+    theta = np.zeros(learned.size)
+    theta[0] = 0.01
+    more = force - 0.01 * ARM.tip_mass_force(q, STILL, STILL)
+    return learned, Learned(theta).with_force(q, more, np.zeros((q.size, q.size)), learned.scales).theta
+
+
+def test_what_is_learned_is_read_as_a_modulus_and_a_load_that_hold_where_the_arm_has_not_been():
+    def true(q):
+        return 0.3 * ARM.elastic_force(q) + 0.015 * ARM.tip_mass_force(q, STILL, STILL)
+
+    q, other = np.array([0.05, 4.0, -3.0]), np.array([0.05, 7.0, 1.0])
+    learned, theta = learned_at(q, true(q))
+    found = read(learned, Before(0.0, theta, q), 100.0)
+    assert found.modulus == pytest.approx(1.3, abs=0.02)
+    assert found.load_kg == pytest.approx(0.015, abs=1e-3)
+
+    def off(theta, modulus, at):
+        force = learned.force(Learned(theta), at, STILL, STILL) + (modulus - 1.0) * ARM.elastic_force(at)
+        return np.linalg.norm(force - true(at))
+
+    assert off(found.theta_of(theta), found.modulus, q) < 1e-6 * np.linalg.norm(true(q))
+    assert off(found.theta_of(theta), found.modulus, other) < 0.1 * off(theta, 1.0, other)
+
+
+def test_what_no_modulus_and_no_load_explain_stays_as_it_is_learned():
+    q = np.array([0.05, 4.0, 0.0])
+    learned, theta = learned_at(q, ARM.elastic_force(np.array([0.0, 0.0, 2.0])))
+    found = read(learned, Before(0.0, theta, q), 100.0)
+    assert (found.modulus, found.load_kg) == (1.0, 0.01)
+    assert np.array_equal(found.theta_of(theta), theta)
+
+
 @pytest.mark.parametrize(("load_kg", "stage"), [(0.2, "free"), (0.0, "contact")])
 def test_no_more_load_can_go_than_there_is(load_kg, stage):
     """Beside doubt along the backbone, a load that goes would explain any push to the side of a bent arm."""
@@ -147,10 +189,10 @@ CHORD = np.array([0.3, 0.0, -0.954])
 BENT = 2e-3**2 * np.eye(3) + 0.06**2 * np.outer(CHORD, CHORD)
 
 
-def bent(seconds, force, covariance=BENT, state=None, moves=False):
+def bent(seconds, force, covariance=BENT, state=None, moves=False, acceleration=0.0):
     state, pair = state or StageState(usual=1.0), (np.asarray(force), covariance)
     for _ in range(round(seconds / DT)):
-        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, 0.02, 0.01, 0.0, moves), DT)
+        state = next_stage(state, ForceSeen(pair, pair, pair, GRAVITY, 0.02, 0.01, acceleration, moves), DT)
     return state
 
 
@@ -165,6 +207,19 @@ def test_a_push_in_the_plane_of_gravity_is_not_taken_for_a_load():
 
 def test_what_stays_undecided_while_the_arm_moves_is_learned():
     assert bent(3.0, (0.05, 0.0, 0.0), 4.0 * BENT, moves=True).stage == "free"
+
+
+def test_no_load_is_told_from_a_swing_whose_inertia_would_make_the_same_force():
+    load = (-0.012, 0.0, -0.07)
+    assert bent(0.5, load).stage == "free"
+    assert bent(0.5, load, acceleration=6.0).stage == "outside force"
+
+
+def test_the_mass_of_a_new_force_waits_until_a_load_is_likelier_or_may_have_gone():
+    assert bent(0.08, (0.0, 0.0, -0.15)).mass_free
+    assert bent(0.08, (0.0, 0.0, 0.15)).mass_free
+    assert not bent(0.3, (-0.05, 0.0, 0.0), 4.0 * BENT).mass_free
+    assert bent(0.8, (-0.05, 0.0, 0.0), 4.0 * BENT).mass_free
 
 
 def test_the_mass_of_before_a_push_is_told_when_it_has_gone():
@@ -353,3 +408,14 @@ def test_positions_of_two_places_are_not_mixed():
         if k > 300 and estimate.external is not None:
             found.append(estimate.external.force_n[:2])
     assert np.max(np.abs(found)) < 0.05
+
+
+def test_a_balance_that_no_arm_can_have_is_no_estimate(monkeypatch):
+    observer = ForceObserver(ARM, ForceConfig(), 1, Noise(1e-4, 100.0))
+    seen = Seen(0.1, ARM.pose(STILL, ARM.length)[:3, 3], PRESSURE, STILL, STILL, np.zeros(ARM.n_internal))
+    state = observer.step(ForceState(), [seen], ARM.length, LearnedInput(), 0.1)
+    assert state.external is not None
+    crushed = replaced(state.balance, x=np.tile([-1.5, 0.0, 0.0], 8))
+    monkeypatch.setattr(observer.balancer, "step", lambda *_: crushed)
+    later = seen._replace(stamp_s=0.12)
+    assert observer.step(state, [later], ARM.length, LearnedInput(), 0.12).external is None

@@ -67,15 +67,22 @@ def test_a_finger_in_the_air_feels_nothing():
 def test_a_ball_is_held_by_little_more_than_its_weight_needs():
     mass, friction = 0.02, 0.6
     run = simulate_squeeze(
-        on_table(mass, friction), hand(force_n=0.01), "object", t_end=END, trial=SqueezeTrial(step_s=1e-3)
+        on_table(mass, friction),
+        hand(force_n=0.01),
+        "object",
+        t_end=END + 8.0,
+        trial=SqueezeTrial(step_s=1e-3, tick_s=0.02),
     )
-    assert phases(run)[:5] == ["closing", "touching", "squeezing", "holding", "slipping"]
-    assert run.states[-1].phase == "holding"
-    late = run.height_m[run.t > END - 1.0]
-    assert np.ptp(late) < 5e-5
+    order = [phases(run).index(one) for one in ("closing", "squeezing", "holding", "slipping")]
+    assert order == sorted(order)
+    # Noise is no slip: what is held is squeezed no harder.
+    late = run.t > END
+    assert {state.phase for state in np.array(run.states)[late]} == {"holding"}
+    assert np.ptp(run.height_m[late]) < 1e-6
+    assert np.ptp(run.normal_n[late].sum(axis=1)) < 1e-3 * run.normal_n[-1].sum()
     needed = mass * WEIGHT / friction
     # The first squeeze is too weak: it has slipped, and no more than it must.
-    at_first = run.normal_n[round(BEGIN * 100)].sum()
+    at_first = run.normal_n[round(BEGIN * 50)].sum()
     assert at_first < 0.5 * needed
     assert run.normal_n.sum(axis=1).max() < 1.3 * needed
 
@@ -99,6 +106,11 @@ def test_a_firm_squeeze_holds_an_untracked_ball(has_pose):
     )
     assert run.height_m[-1] > -0.068
     assert run.states[-1].phase == "holding"
+    assert "slipping" not in phases(run)
+    if (
+        has_pose
+    ):  # A lift takes force away, and is no slip: the force that was asked for is kept, and no more.
+        assert run.normal_n[run.t > END - 1.0].mean() == pytest.approx(0.12, rel=0.15)
 
 
 def test_no_finger_passes_the_crush_limit():
@@ -114,6 +126,8 @@ def test_no_finger_passes_the_crush_limit():
     assert run.normal_n.max() < crush
     assert run.normal_n.max() > 0.5 * crush
     assert run.height_m[-1] < -0.075
+    causes = {state.cause for state in run.states} - {""}
+    assert causes == {"the object is gone, the crush limit is too low to hold it"}
 
 
 def test_a_hand_that_meets_nothing_opens_and_says_so():
@@ -165,7 +179,11 @@ def test_lost_force_while_the_pressures_hold_is_a_slip():
             break
     assert state.phase == "slipping"
     assert state.force_n.mean() < 0.85 * held
-    assert state.goal_n > state.force_n.mean()
+    low = state.goal_n
+    for _ in range(100):
+        state = law.step(state, at(0.6), True, 0.01)
+    assert state.goal_n == pytest.approx(low * np.exp(1.0 / 3.0), rel=0.01)
+    assert state.level_pa.mean() > level
 
 
 @pytest.mark.parametrize("speed", [5e-4, 2e-3])

@@ -17,7 +17,7 @@ from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
 from tests.refused import refused
 
-PUSH_S, LEAVES_S, END_S = 6.0, 7.8, 9.8
+PUSH_S, LEAVES_S, END_S = 6.0, 8.2, 10.2
 
 
 class Held(Twin):

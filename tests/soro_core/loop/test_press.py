@@ -5,8 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from soro_core.adaptation.external_force import ExternalForce
 from soro_core.config import with_changes
 from soro_core.control.force.press import Press
+from soro_core.control.force.pressing import pressed
 from soro_core.twin import Twin
 from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
@@ -95,6 +97,25 @@ def test_a_press_is_near_its_force_soon_after_the_touch(goal, keys):
     assert off(times, force, goal, 1.2) < 0.1 * goal
     assert off(times, force, goal, 2.0) < 4e-3  # the noise of the estimated force is 9 mN
     assert np.max(force) < goal + max(0.1 * goal, 3e-3)
+
+
+@pytest.mark.parametrize(
+    ("part", "approach_s", "is_measured", "phase"),
+    [
+        (0.2, 1.0, True, "contact"),
+        (1.0, 1.0, True, "approach"),
+        (0.2, 0.3, True, "approach"),  # it has not begun to move
+        (0.2, 1.0, False, "approach"),
+    ],
+)
+def test_a_tip_that_is_stopped_touches_with_less_force(part, approach_s, is_measured, phase):
+    loop, here, x = loop_of(scene_with()).controller.force_loop, np.zeros(3), np.array([1.0, 0.0, 0.0])
+    press = Press(np.zeros(loop.arm.n_q), x, 0.05, np.zeros(3))
+    felt = ExternalForce(-8e-3 * x, 1e-6 * np.eye(3), tip=here if is_measured else None)
+    speed = part * loop.config.approach_speed_m_s * x
+    told = {"press": press, "felt": felt, "phase": "approach", "tip": here, "speed": speed}
+    state = replace(loop.initial_state(), approach_s=approach_s, **told)
+    assert pressed(loop._push, state, press, here, 0.005).phase == phase
 
 
 def test_a_press_follows_a_wall_that_moves():

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from soro_core.loop import Loop as Loop
     from soro_core.model import SoftArm as SoftArm
     from soro_core.model.equilibrium.statics import equilibrium as equilibrium
+    from soro_core.model.equilibrium.statics import stable_equilibrium as stable_equilibrium
     from soro_core.planning.around import plan_around as plan_around
     from soro_core.robot import BaseState as BaseState
     from soro_core.robot import Robot as Robot
@@ -33,7 +34,7 @@ __all__, __getattr__ = lazy(
         ".jobs.versions": "__version__",
         ".loop": "Loop",
         ".model": "SoftArm",
-        ".model.equilibrium.statics": "equilibrium",
+        ".model.equilibrium.statics": "equilibrium stable_equilibrium",
         ".planning.around": "plan_around",
         ".robot": "BaseState Robot Shake load_robot robot_from_dict save_robot",
     },

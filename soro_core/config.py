@@ -324,9 +324,9 @@ _PLAIN = {
 def _first(error: ValidationError, model: type[BaseModel], where: str) -> ConfigError:
     found = error.errors()
     details = found[0]
+    beside = [e for e in found if e["loc"][:-1] == details["loc"][:-1]]
     if details["type"] == "missing":  # a wrong name of the same key is the better message
-        beside = (e for e in found if e["type"] == "extra_forbidden" and e["loc"][:-1] == details["loc"][:-1])
-        details = next(beside, details)
+        details = next((e for e in beside if e["type"] == "extra_forbidden"), details)
     location = _without_tags(model, details["loc"])
     key = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in location).lstrip(".")
     if details["type"] == "union_tag_invalid":
@@ -334,11 +334,13 @@ def _first(error: ValidationError, model: type[BaseModel], where: str) -> Config
         tag = context["discriminator"].strip("'")
         return ConfigError(where, f"{key}.{tag}", context["tag"], f"one of {context['expected_tags']}")
     if details["type"] == "extra_forbidden":
-        keys = _keys_at(model, details["loc"][:-1])
+        keys = list(getattr(_walk(model, details["loc"][:-1])[0], "model_fields", {}))
         known = ", ".join(keys) or "no such key"
-        return ConfigError(where, key, "an unknown key", known + nearest(str(location[-1]), keys))
+        lacking = [_meaning(model, e["loc"]) for e in beside if e["type"] == "missing"]
+        needed = "".join(f"; required is {one}" for one in lacking)
+        return ConfigError(where, key, "an unknown key", known + nearest(str(location[-1]), keys) + needed)
     if details["type"] == "missing":
-        return ConfigError(where, key, "nothing", "a value; this key is required")
+        return ConfigError(where, key, "nothing", f"a value; required is {_meaning(model, details['loc'])}")
     inner = details.get("ctx", {}).get("error")
     if isinstance(inner, InnerError):
         cause = _first(inner.error, inner.model, where)
@@ -348,9 +350,10 @@ def _first(error: ValidationError, model: type[BaseModel], where: str) -> Config
     return ConfigError(where, key, details["input"], allowed[:1].lower() + allowed[1:], is_rule)
 
 
-def _keys_at(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
-    """Names of the fields of the (nested) model at a location."""
-    return list(getattr(_walk(model, location)[0], "model_fields", {}))
+def _meaning(model: type[BaseModel], location: tuple[int | str, ...]) -> str:
+    """Return a key with its description."""
+    field = getattr(_walk(model, location[:-1])[0], "model_fields", {}).get(location[-1])
+    return ", ".join(filter(None, (str(location[-1]), getattr(field, "description", None))))
 
 
 def section_of(model: type[BaseModel], key: str) -> type[Strict] | None:

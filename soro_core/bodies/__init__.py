@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from soro_core.extras import lazy
 
 if TYPE_CHECKING:
+    from soro_core.bodies.body import Attachment as Attachment
     from soro_core.bodies.body import BallShape as BallShape
     from soro_core.bodies.body import BodyMotion as BodyMotion
     from soro_core.bodies.body import BoxShape as BoxShape
@@ -24,7 +25,9 @@ if TYPE_CHECKING:
 __all__, __getattr__ = lazy(
     __name__,
     {
-        ".body": "BallShape BodyMotion BoxShape CapsuleShape CylinderShape GroundShape Hinge RigidBody",
+        ".body": (
+            "Attachment BallShape BodyMotion BoxShape CapsuleShape CylinderShape GroundShape Hinge RigidBody"
+        ),
         ".simulate": "ContactRows WorldResult simulate_world",
         ".stepper": "WorldState WorldStepper",
         ".world": "BodyWorld",

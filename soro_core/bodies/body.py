@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from itertools import pairwise
 from typing import Annotated, Literal
 
@@ -11,7 +12,9 @@ from pydantic import Field, field_validator, model_validator
 
 from soro_core.arrays import Array
 from soro_core.config import Floats, Points, Strict
+from soro_core.errors import ConfigError
 from soro_core.robot import BaseState
+from soro_core.robot.description import END_TOLERANCE
 from soro_core.robot.vectors import Quaternion, Vector3
 from soro_core.rotation import matrix_from_quaternion
 
@@ -135,6 +138,16 @@ class Hinge(Strict):
         return value
 
 
+class Attachment(Strict):
+    """Where an arm holds a body: at the place of the arm, as both are at the start."""
+
+    arm: str = Field("", description="its name; default: the only arm")
+    place: float | None = Field(
+        None, ge=0, description="metres along the arm from its base; default: its tip"
+    )
+    joint: Literal["ball", "weld"] = Field("ball", description="whether the body turns about it")
+
+
 class BodyMotion(Strict):
     """Where a fixed body goes: smoothly from one place to the next, with rest at each; it does not turn."""
 
@@ -186,6 +199,7 @@ class RigidBody(Strict):
     angular_velocity: Vector3 = Field(_ZERO, description="at the start, in the world [rad/s]")
     fixed: bool = Field(False, description="held in the world, or driven by a motion")
     hinge: Hinge | None = Field(None, description="default: free")
+    attached: Attachment | None = Field(None, description="to an arm; default: nothing holds it")
     motion: BodyMotion | None = Field(None, description="of a fixed body; default: at rest")
     friction: float = Field(0.5, ge=0, le=10, description="coefficient; of two bodies the smaller one holds")
     restitution: float = Field(0.0, ge=0, le=1, description="speed after a bounce over that before")
@@ -222,3 +236,30 @@ class RigidBody(Strict):
             return np.ones(3)
         own = self.mass * self.shape.inertia_per_mass() if self.inertia is None else self.inertia
         return np.array(own, dtype=np.float64)
+
+
+def check_attachments(bodies: Mapping[str, RigidBody], lengths: Mapping[str, float], where: str) -> None:
+    """Refuse bodies on an arm that is not there, and at a place behind its end.
+
+    Parameters
+    ----------
+    bodies : mapping of str to RigidBody
+    lengths : mapping of str to float
+        Of the arms [m].
+    where : str
+        Owner of the bodies, for the error.
+
+    Raises
+    ------
+    ConfigError
+    """
+    for name, body in bodies.items():
+        if (held := body.attached) is None:
+            continue
+        key, arm = f"bodies.{name}.attached", held.arm or (next(iter(lengths)) if len(lengths) == 1 else "")
+        if arm not in lengths:
+            raise ConfigError(where, f"{key}.arm", held.arm, ", ".join(lengths) or "none, as there is no arm")
+        if held.place is not None and held.place > lengths[arm] + END_TOLERANCE:
+            raise ConfigError(
+                where, f"{key}.place", held.place, f"0 to {lengths[arm]:.6g} m, the end of {arm}"
+            )

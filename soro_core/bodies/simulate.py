@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array, Integers
+from soro_core.bodies.attached import refuse_displaced
 from soro_core.bodies.stepping.arms import SLIDING
 from soro_core.bodies.stepping.records import (
     CONTACT_WIDTH,
@@ -110,7 +111,7 @@ class WorldResult:
         return self._sums((self.contacts.side == own) @ np.array([1.0, -1.0]) * self.contacts.force.T)
 
     def normal_force(self, name: str) -> Array:
-        """Sum of the normal forces on a body or an arm, (n_t,) [N]."""
+        """Sum of the normal forces on a body or an arm, without joints, (n_t,) [N]."""
         own = (self.contacts.side == self._side(name)).any(axis=1)
         return self._sums((own * (self.contacts.force * self.contacts.normal).sum(axis=1))[None])[:, 0]
 
@@ -186,8 +187,9 @@ def simulate_world(
     require(world, BodyWorld, "world", "a BodyWorld")
     pressures, wrenches, starts = pressures or {}, wrenches or {}, world.q0
     motions = {**world.motions, **(motions or {})}
-    _refuse_unknown(world, {"pressures": pressures, "q0": starts, "wrenches": wrenches, "motions": motions})
+    refuse_unknown(world, {"pressures": pressures, "q0": starts, "wrenches": wrenches, "motions": motions})
     driven = {name: base for name, base in motions.items() if name in world.bodies}
+    refuse_displaced(world.bodies, list(world.arms), motions)
     bases = {name: base for name, base in motions.items() if name in world.arms}
     if bases and len(bases) < len(world.arms):
         still = next(name for name in world.arms if name not in bases)
@@ -215,22 +217,18 @@ def simulate_world(
     return run_rows(world, built, run, (q, v, z), rows)
 
 
-def _refuse_unknown(world: BodyWorld, given: Mapping[str, Mapping[str, object]]) -> None:
+def refuse_unknown(world: BodyWorld, given: Mapping[str, Mapping[str, object]]) -> None:
+    """Refuse names that a world does not have, or has not for this; `given`: values by key and name."""
     moved = [name for name, body in world.bodies.items() if body.fixed]
-    pushed = [name for name, body in world.bodies.items() if not body.fixed]
-    allowed = {
-        "pressures": list(world.arms),
-        "q0": list(world.arms),
-        "wrenches": pushed,
-        "motions": [*moved, *world.arms],
-    }
+    pushed = [name for name in world.bodies if name not in moved]
+    arms = list(world.arms)
+    allowed = {"pressures": arms, "q0": arms, "wrenches": pushed, "motions": [*moved, *arms]}
     for key, values in given.items():
         require(values, Mapping, key, "a mapping by name")
-        for name in values:
-            if name not in allowed[key]:
-                names = ", ".join(allowed[key]) or "none"
-                raise ModelError(f"{key}: got {short(name)}; allowed: {names}", key)
-    for name, motion in given["motions"].items():
+        if (other := next((name for name in values if name not in allowed[key]), None)) is not None:
+            names = ", ".join(allowed[key]) or "none"
+            raise ModelError(f"{key}: got {short(other)}; allowed: {names}", key)
+    for name, motion in given.get("motions", {}).items():
         require(motion, Callable, f"motions: {name}", "a function that gives a BaseState")
 
 

@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array
-from soro_core.bodies.simulate import WorldResult, body_inputs, run_rows
+from soro_core.bodies.simulate import WorldResult, body_inputs, refuse_unknown, run_rows
 from soro_core.bodies.world import BodyWorld, build_world, first_rows
 from soro_core.errors import ModelError, short
 from soro_core.integrate.state import State
@@ -91,7 +92,12 @@ class WorldStepper:
         return WorldState(arms, rows.place[0], rows.rotation[0], rows.twist[0], rows.joint[0])
 
     def step(
-        self, state: WorldState, pressures: Mapping[str, ArrayLike], dt: float, t: float = 0.0
+        self,
+        state: WorldState,
+        pressures: Mapping[str, ArrayLike],
+        dt: float,
+        t: float = 0.0,
+        wrenches: Mapping[str, ArrayLike] = MappingProxyType({}),
     ) -> WorldResult:
         """Return what happens within dt, divided into equal steps, while pressures change linearly.
 
@@ -104,6 +110,8 @@ class WorldStepper:
             [s]
         t : float
             Time at the start [s], for bodies with a motion; these are where it says.
+        wrenches : mapping of str to (6,)
+            Torque [N m] and force [N] on bodies that are not fixed, in the world.
 
         Returns
         -------
@@ -113,10 +121,11 @@ class WorldStepper:
         Raises
         ------
         ModelError
-            If a shape is wrong or dt is not above 0.
+            If a shape or a name is wrong, or dt is not above 0.
         """
         if not 0.0 < number(dt) < math.inf:
             raise ModelError(f"dt = {short(dt)} s: allowed is a number above 0", "dt")
+        refuse_unknown(self.world, {"wrenches": wrenches})
         world, built = self.world, self._built
         n = math.ceil(dt / self._step_s - 1e-9)
         times = t + dt * np.arange(n + 1) / n
@@ -135,7 +144,7 @@ class WorldStepper:
             z[0, built.first_z[i] : built.first_z[i + 1]] = own.internal
         rows = first_rows(world, n + 1)
         driven = {name: one for name, one in world.motions.items() if one.moves_within(t, t + dt)}
-        inputs = body_inputs(world, times, {}, driven, rows)
+        inputs = body_inputs(world, times, wrenches, driven, rows)
         for b, (name, body) in enumerate(world.bodies.items()):
             if body.motion is not None and name not in driven:
                 rows.place[0, b] += body.motion(t).displacement

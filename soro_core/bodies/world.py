@@ -11,7 +11,8 @@ from numpy.typing import ArrayLike
 
 from soro_core._box import Box
 from soro_core.arrays import Array, Integers
-from soro_core.bodies.body import BodyMotion, RigidBody
+from soro_core.bodies.attached import joint_tables, joints_of, refuse_displaced
+from soro_core.bodies.body import BodyMotion, RigidBody, check_attachments
 from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
     ARM,
@@ -47,6 +48,7 @@ from soro_core.model.checks import number, require
 from soro_core.model.tables import NoExternal
 from soro_core.robot import Robot
 from soro_core.robot.basis import radius_profile
+from soro_core.robot.link import CLOSE
 
 _EARTH = (0.0, 0.0, -9.81)
 _BOUNDS = (
@@ -88,6 +90,8 @@ class BodyWorld:
     ------
     ModelError
         If a value is not allowed.
+    ConfigError
+        If a body is attached to no arm or place of the world.
     """
 
     bodies: Mapping[str, RigidBody]
@@ -126,6 +130,8 @@ class BodyWorld:
             raise ModelError(
                 f"points_per_link = {self.points_per_link}: allowed are whole numbers", "points_per_link"
             )
+        check_attachments(self.bodies, {name: arm.length for name, arm in self.arms.items()}, "world")
+        refuse_displaced(self.bodies, list(self.arms), self.motions)
         if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
             raise ModelError(f"gravity = {short(self.gravity)}: allowed are three numbers", "gravity")
 
@@ -232,8 +238,10 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
     first = np.cumsum([[0, 0, 0, 0], *counts], axis=0).astype(np.int64)
     boxes = tuple(stepping(arm, base=bases.get(name)) for name, arm in zip(world.arms, arms, strict=True))
     sites, arc, radius, first_site = [], [], [], [0]
-    for arm in arms:
-        for s in _sections(arm.robot, int(world.points_per_link)):
+    joints = joints_of(world.bodies, world.arms, world.q0)
+    for i, arm in enumerate(arms):
+        places = [joint.place for joint in joints if joint.arm == i]
+        for s in _sections(arm.robot, int(world.points_per_link), places):
             site = find_site(arm.robot, arm.tables, s)
             sites.append(site)
             arc.append(s)
@@ -260,6 +268,7 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
         arc=np.array(arc, dtype=np.float64),
         friction=float(world.arm_friction),
         touch_arms=bool(world.touch_arms),
+        **joint_tables(joints, arc, first_site),
         R=np.zeros((n, 3, 3)),
         p=np.zeros((n, 3)),
         columns=np.zeros((n, width, 6)),
@@ -288,14 +297,18 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
     )
 
 
-def _sections(robot: Robot, n: int) -> list[float]:
-    """Places [m] between which an arm has n pieces a link, of the original links where it is refined."""
-    places, start = [0.0], 0.0
+def _sections(robot: Robot, n: int, places: Sequence[float]) -> list[float]:
+    """Places [m] between which an arm has n pieces a link, of the original links where it is refined.
+
+    Those of its joints are among them.
+    """
+    ends, start = [0.0], 0.0
     for first in range(0, len(robot.links), robot.refinement):
         length = sum(link.length for link in robot.links[first : first + robot.refinement])
-        places += [start + length * (k + 1) / n for k in range(n)]
+        ends += [start + length * (k + 1) / n for k in range(n)]
         start += length
-    return places
+    more = [s for s in set(places) if min(abs(s - end) for end in ends) > CLOSE]
+    return sorted([*ends, *more])
 
 
 def _alike(arms: tuple[SoftArm, ...]) -> tuple[SoftArm, ...]:

@@ -65,7 +65,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
     places, weights, point_mass = with_masses(robot, *_quadrature(robot, nodes))
     fraction, points = _sub_intervals(method, places, steps)
     kinds, coordinates, stiffnesses, scales = _internal(robot, offset)
-    samples, actuation, area_rate, saturation, axial_gain = _chambers(robot, offset, places, weights)
+    samples, actuation, area_rate, saturation, braid, axial_gain = _chambers(robot, offset, places, weights)
     law_share, axial_share = _law_shares(robot, places, weights)
     kind = MdeTables if method == "mde" else Tables
     tables = kind(
@@ -106,6 +106,7 @@ def build_tables(robot: Robot, method: str, nodes: int, steps: int) -> Tables:
         actuation=actuation,
         area_rate=area_rate,
         area_saturation=saturation,
+        braid=braid,
         dead_band=_by_input(robot, [c.dead_band_pa for link in links for c in link.chambers]),
         swell=_by_input(robot, [c.swell_per_pa for link in links for c in link.chambers]),
         axial_gain=axial_gain,
@@ -199,8 +200,8 @@ def build_site(robot: Robot, t: Tables, link: int, place: float) -> Site:
 
 def _chambers(
     robot: Robot, offset: Integers, places: Array, weights: Array
-) -> tuple[Integers, Array, Array, Array, Array]:
-    """Numbers of samples, actuation, area rates, area saturations and axial gains of `Tables`.
+) -> tuple[Integers, Array, Array, Array, Array, Array]:
+    """Numbers of samples, actuation, area rates, area saturations, braids and axial gains of `Tables`.
 
     A chamber of area A at d = r (cos phi, sin phi) does work p A (eps - r (kx cos phi + ky sin phi)) on
     every unit of undeformed length that it runs along, docs/model.md (23).
@@ -210,7 +211,7 @@ def _chambers(
     samples = np.zeros((n, robot.n_u), dtype=np.int64)
     actuation = np.zeros((len(at), robot.n_q, robot.n_u))
     area_rate = np.zeros((len(at), n, robot.n_u))
-    saturation, axial_gain = np.zeros((n, robot.n_u)), np.zeros((n, robot.n_u))
+    saturation, braid, axial_gain = (np.zeros((n, robot.n_u)) for _ in range(3))
     u = -1
     for first, owner in enumerate(robot.links):
         group = range(first, min(first + robot.refinement, n))
@@ -225,18 +226,22 @@ def _chambers(
                     "bending_x": -bending * np.cos(chamber.angle_rad),
                     "bending_y": -bending * np.sin(chamber.angle_rad),
                 }
+                # By strain a muscle grows as its braid says.
+                growth = chamber.area_slope if chamber.muscle is None else 1.0
                 share, shape = np.ones(1), shape_means(link)[None]
-                if chamber.area_slope != 0.0 and link.varies:
+                if growth != 0.0 and link.varies:
                     share, shape = shares, shares[:, None] * shape_values(link, at * link.length).T
                 k = len(share)
                 unit = np.array([gains.get(name, 0.0) for name in strain_rows(link)])
                 actuation[:k, offset[i] : offset[i + 1], u] = unit * shape
-                if chamber.area_slope != 0.0:
-                    area_rate[:k, i, u] = chamber.area_slope / (share * axial)
+                if growth != 0.0:
+                    area_rate[:k, i, u] = growth / (share * axial)
                 samples[i, u] = k
                 saturation[i, u], axial_gain[i, u] = chamber.area_saturation, axial
+                if chamber.muscle is not None:
+                    braid[i, u] = chamber.muscle.braid
     most = samples.max(initial=1)
-    return samples, actuation[:most], area_rate[:most], saturation, axial_gain
+    return samples, actuation[:most], area_rate[:most], saturation, braid, axial_gain
 
 
 def _by_input(robot: Robot, of_chambers: list[float]) -> Array:

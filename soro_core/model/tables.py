@@ -141,6 +141,8 @@ class Tables(NamedTuple):
     """Relative growth of the area per volume displaced there, at each sample [1/m^3]: (n_samples, n, n_u)."""
     area_saturation: Array
     """1 over the largest relative growth of the area of each chamber along each link, 0: none; (n, n_u)."""
+    braid: Array
+    """3 cos^2 of the braid angle of each muscle along each link, 0 of another chamber; (n, n_u)."""
     dead_band: Array
     """Pressure that each chamber takes before any of it acts [Pa], (n_u,)."""
     swell: Array

@@ -4,6 +4,7 @@ from soro_core.robot.basis import shape_integrals as shape_integrals
 from soro_core.robot.basis import shape_values as shape_values
 from soro_core.robot.basis import strain_rows as strain_rows
 from soro_core.robot.chamber import Chamber as Chamber
+from soro_core.robot.chamber import Muscle as Muscle
 from soro_core.robot.chamber import Tendon as Tendon
 from soro_core.robot.description import Calibration as Calibration
 from soro_core.robot.description import Robot as Robot

@@ -10,12 +10,37 @@ from pydantic import Field, ValidationInfo, field_validator
 from soro_core.config import Strict
 
 
+class Muscle(Strict):
+    """A braided pneumatic muscle (McKibben): pressure shortens it, (58) of docs/model_terms.md."""
+
+    radius_m: float = Field(gt=0, description="outer radius at rest, where the strain of its line is 0 [m]")
+    braid_angle_rad: float = Field(
+        ge=0.05, le=0.95, description="between its fibres and its line, at rest; at 0.955 it cannot pull"
+    )
+
+    @property
+    def braid(self) -> float:
+        """3 cos^2 of the braid angle."""
+        return 3.0 * math.cos(self.braid_angle_rad) ** 2
+
+    @property
+    def section_m2(self) -> float:
+        """Section at rest [m^2]."""
+        return math.pi * self.radius_m**2
+
+    @property
+    def area_m2(self) -> float:
+        """Force at rest per pressure [m^2], below 0: it pulls."""
+        return -self.section_m2 * (self.braid - 1.0) / math.sin(self.braid_angle_rad) ** 2
+
+
 class Chamber(Strict):
-    """One pressure chamber, by its geometry (area, offset) or by its two gains."""
+    """One pressure chamber: by area and offset, as a muscle with its offset, or by its two gains."""
 
     angle_rad: float = Field(
         ge=-4 * math.pi, le=4 * math.pi, description="about the tangent, from the local x axis"
     )
+    muscle: Muscle | None = Field(None, description="what pulls in place of a chamber that pushes")
     area_m2: float | None = Field(None, gt=0, description="effective area [m^2]")
     offset_m: float | None = Field(
         None, ge=0, description="distance from the backbone [m]", validate_default=True
@@ -51,23 +76,34 @@ class Chamber(Strict):
         description="the area grows as 1 / (1 - swell_per_pa * pressure beyond the dead band) [1/Pa]",
     )
 
+    @field_validator("area_m2")
+    @classmethod
+    def _pushes(cls, value: float | None, info: ValidationInfo) -> float | None:
+        if value is not None and info.data.get("muscle") is not None:
+            raise ValueError("left out where muscle is given")
+        return value
+
     @field_validator("offset_m")
     @classmethod
     def _geometry(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if (value is None) != (info.data.get("area_m2") is None) and "area_m2" in info.data:
-            raise ValueError("area_m2 together with offset_m, or both left out")
+        if "area_m2" not in info.data or "muscle" not in info.data:
+            return value  # the key at fault has its own message
+        if (value is None) != (info.data["area_m2"] is None and info.data["muscle"] is None):
+            raise ValueError("area_m2 or muscle together with offset_m, or both left out")
         return value
 
     @field_validator("alpha_kappa")
     @classmethod
     def _one_of_two(cls, value: float | None, info: ValidationInfo) -> float | None:
-        if "area_m2" not in info.data or "alpha_eps" not in info.data:
+        if not {"muscle", "area_m2", "alpha_eps"} <= info.data.keys():
             return value  # the key at fault has its own message
         given = info.data["alpha_eps"] is not None
         if (value is not None) != given:
             raise ValueError("alpha_eps together with alpha_kappa, or both left out")
-        if given == (info.data["area_m2"] is not None):
-            raise ValueError("exactly one of the pairs area_m2 with offset_m, or alpha_eps with alpha_kappa")
+        if given == (info.data["area_m2"] is not None or info.data["muscle"] is not None):
+            raise ValueError(
+                "exactly one of area_m2 with offset_m, muscle with offset_m, or alpha_eps with alpha_kappa"
+            )
         return value
 
     @field_validator("area_slope")
@@ -75,6 +111,8 @@ class Chamber(Strict):
     def _slope(cls, value: float, info: ValidationInfo) -> float:
         if value != 0.0 and info.data.get("alpha_eps") == 0.0:
             raise ValueError("0 where alpha_eps is 0: the strain of the fibre is not known then")
+        if value != 0.0 and info.data.get("muscle") is not None:
+            raise ValueError("0 of a muscle: its braid says how its pull changes")
         return value
 
     @field_validator("area_saturation")
@@ -92,13 +130,16 @@ class Chamber(Strict):
     def gains(self, length: float, whole: float) -> tuple[float, float]:
         """Generalised force per pressure on elongation [m^3] and curvature [m^4] of a link along it.
 
+        Both are negative of a muscle.
+
         Parameters
         ----------
         length, whole : float
             Of that link, and of all links that the chamber runs along [m].
         """
-        if self.area_m2 is not None and self.offset_m is not None:
-            return self.area_m2 * length, self.area_m2 * length * self.offset_m
+        area = self.area_m2 if self.muscle is None else self.muscle.area_m2
+        if area is not None and self.offset_m is not None:
+            return area * length, area * length * self.offset_m
         assert self.alpha_eps is not None
         assert self.alpha_kappa is not None
         return self.alpha_eps * length / whole, self.alpha_kappa * length / whole

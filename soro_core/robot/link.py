@@ -30,7 +30,11 @@ class Material(Strict):
     """Linear elastic, linear viscous material of a solid round section, docs/model.md (16), (20)."""
 
     youngs_modulus: float = Field(gt=0, description="Young's modulus [Pa]")
-    shear_modulus: float = Field(gt=0, description="shear modulus [Pa]")
+    shear_modulus: float = Field(
+        gt=0,
+        description="shear modulus [Pa]: youngs_modulus / (2 + 2 Poisson's ratio),"
+        " of rubber youngs_modulus / 3",
+    )
     viscosity: float = Field(0.0, ge=0, description="of stretching [Pa s]")
     shear_factor: float = Field(1.0, gt=0, le=2, description="alpha in alpha G A")
     shear_correction: bool | None = Field(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import zipfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +17,15 @@ from soro_core.files.csv_rows import read_matrix
 from soro_core.robot.bases import BASES
 from soro_core.robot.collapse import collapsing
 from soro_core.robot.description import Robot
-from soro_core.robot.link import DENSEST, HEAVIEST, LIGHTEST, LONGEST
+from soro_core.robot.link import DENSEST, HEAVIEST, LIGHTEST, LONGEST, Link
 from soro_core.robot.strain import samples_fault
 
 _ENDINGS = (".npy", ".npz", ".csv")
+# No soft arm has more, so that they tell wrong units: length over radius of a link; area and offset of a
+# chamber over section and radius; load over mass of an arm; strain or turn [rad] of a link by its weight.
+_SLENDEREST, _WIDEST, _LADEN, _LIMPEST = 300.0, 10.0, 50.0, 100.0
+# Young's modulus of a material, from a gel to a diamond; width of a range of pressures [Pa].
+_MODULI, _RANGES = (1e3, 1e12), (1e3, 1e8)
 
 
 def with_samples(data: Mapping[str, Any], folder: Path, where: str) -> dict[str, Any]:
@@ -184,21 +189,12 @@ def robot_from_dict(data: Mapping[str, Any], where: str = "robot") -> Robot:
 
 
 def _warned(robot: Robot, where: str) -> Robot:
-    """Log a line where a link weighs as no material does, is too large, or chambers can make one collapse."""
-    for i, link in enumerate(robot.links):
-        density = link.mass / link.volume
-        if not LIGHTEST <= density <= DENSEST:
-            found = f"mass, radius and length make {density:.3g} kg/m^3"
-            allowed = f"a material's, {LIGHTEST:g} to {DENSEST:g}"
-        elif link.length > LONGEST or link.mass > HEAVIEST:  # of a density that is stated
-            found = f"a length of {link.length:g} m, a radius of {link.radius:g} m and {link.mass:.3g} kg"
-            allowed = f"at most {LONGEST:g} m and {HEAVIEST:g} kg"
-        else:
-            continue
+    """Log a line where values have probably another unit, or chambers can make a link collapse."""
+    for key, found, allowed in _odd(robot):
         logging.getLogger("soro_core").warning(
-            "%s: links[%d]: %s; allowed without this warning: %s; units are kg and m",
+            "%s: %s: %s; allowed without this warning: %s; units are kg and m, Pa and N",
             where,
-            i,
+            key,
             found,
             allowed,
         )
@@ -217,3 +213,56 @@ def _warned(robot: Robot, where: str) -> Robot:
             listed,
         )
     return robot
+
+
+def _odd(robot: Robot) -> Iterator[tuple[str, str, str]]:
+    """Give key, value and what is allowed of what no soft arm has: mm for m, g for kg, MPa or kPa for Pa."""
+    for i, link in enumerate(robot.links):
+        key, density, section = f"links[{i}]", link.mass / link.volume, link.volume / link.length
+        if odd := _odd_size(link, density):
+            yield key, *odd
+            continue
+        if link.material is not None:
+            young, shear = link.material.youngs_modulus, link.material.shear_modulus
+            if not _MODULI[0] <= young <= _MODULI[1]:
+                yield f"{key}.material.youngs_modulus", f"{young:g} Pa", "{:g} to {:g} Pa".format(*_MODULI)
+            elif not 0.32 * young <= shear <= 0.51 * young:
+                allowed = f"{young / 3.0:.6g} (rubber) to {young / 2.0:.6g} Pa, by Poisson's ratio"
+                yield f"{key}.material.shear_modulus", f"{shear:g} Pa", allowed
+        elif link.k_e and link.k_b:
+            stretch, bend = link.k_e[0] - link.k_e[1], link.k_b[0] - link.k_b[1]
+            limp = 9.81 * link.mass * max(1.0 / (stretch * link.length), 0.5 * link.length / bend)
+            if limp > _LIMPEST:
+                found = (
+                    f"stiffness at rest {stretch:.3g} N/m and {bend:.3g} N m, weight {9.81 * link.mass:.3g} N"
+                )
+                yield f"{key}.k_e, k_b", found, f"a strain or turn by it of {_LIMPEST:g} at most"
+        for j, chamber in enumerate(link.chambers):
+            area = chamber.area_m2 or (chamber.alpha_eps or 0.0) / link.length
+            if chamber.muscle is not None:
+                area = chamber.muscle.section_m2
+            if area > _WIDEST * section or (chamber.offset_m or 0.0) > _WIDEST * link.radius:
+                allowed = f"an area and an offset of {_WIDEST:g} times the section and the radius of the link"
+                yield f"{key}.chambers[{j}]", f"{chamber.model_dump(exclude_unset=True)}", allowed
+    added = robot.tip_mass + sum(one.mass for one in robot.point_masses)
+    if added > _LADEN * (own := sum(link.mass for link in robot.links)):
+        yield (
+            "tip_mass, point_masses",
+            f"{added:g} kg on {own:.3g} kg",
+            f"{_LADEN:g} times the mass of the arm",
+        )
+    low, high = robot.pressure_range_pa
+    if robot.chamber_names and not _RANGES[0] <= high - low <= _RANGES[1]:
+        yield "pressure_range_pa", f"{low:g} to {high:g} Pa", "a range of {:g} to {:g} Pa".format(*_RANGES)
+
+
+def _odd_size(link: Link, density: float) -> tuple[str, str] | None:
+    size = f"a length of {link.length:g} m, a radius of {link.radius:g} m"
+    if not LIGHTEST <= density <= DENSEST:
+        found = f"mass, radius and length make {density:.3g} kg/m^3"
+        return found, f"a material's, {LIGHTEST:g} to {DENSEST:g}"
+    if link.length > LONGEST or link.mass > HEAVIEST:  # of a density that is stated
+        return f"{size} and {link.mass:.3g} kg", f"at most {LONGEST:g} m and {HEAVIEST:g} kg"
+    if link.length > _SLENDEREST * link.radius:
+        return size, f"at most {_SLENDEREST:g} radii"
+    return None

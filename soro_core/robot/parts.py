@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from typing import Any
 
@@ -11,6 +12,7 @@ from soro_core.config import Strict
 from soro_core.errors import ConfigError, nearest
 from soro_core.robot.bases import gauss, listed, names
 from soro_core.robot.basis import along, knots, mass_profile, mean_stiffness, on_pieces, stiffness_profile
+from soro_core.robot.chamber import Chamber
 from soro_core.robot.link import CLOSE, Link
 
 
@@ -45,15 +47,27 @@ def scaled_link(link: Link, stiffness: float, damping: float, gain: float) -> di
     part["hysteresis"] = [
         {"stiffness": times(h.stiffness, damping), "range": h.range} for h in link.hysteresis
     ]
-    keys = ("area_m2", "alpha_eps", "alpha_kappa")
-    part["chambers"] = [
-        {
-            key: gain * value if key in keys and value is not None else value
-            for key, value in fields(c).items()
-        }
-        for c in link.chambers
-    ]
+    part["chambers"] = [scaled_chamber(chamber, gain) for chamber in link.chambers]
     return part
+
+
+def scaled_chamber(chamber: Chamber, gain: float, arm: float = 1.0) -> dict[str, Any]:
+    """Return the keys of a chamber with other force per pressure.
+
+    Parameters
+    ----------
+    chamber : Chamber
+    gain, arm : float
+        Factors on its force, and on its distance from the backbone.
+    """
+    keys = fields(chamber)
+    factors = {"area_m2": gain, "offset_m": arm, "alpha_eps": gain, "alpha_kappa": gain * arm}
+    for key, factor in factors.items():
+        if keys.get(key) is not None:
+            keys[key] *= factor
+    if chamber.muscle is not None:  # its force is as its section
+        keys["muscle"] = {**fields(chamber.muscle), "radius_m": math.sqrt(gain) * chamber.muscle.radius_m}
+    return keys
 
 
 def check_split(link: Link, where: str, key: str) -> None:
@@ -183,6 +197,9 @@ def _parts_of(within: Any, step: str | int, path: str, at: re.Match[str]) -> str
             return f"all of {path[: at.end()]}, which has no parts"
         return f"a number below {len(within)} behind {here}, as {here}[0]"
     known = tuple(within) if isinstance(within, dict) else tuple(type(within).model_fields)
+    if step in ("material", "k_e", "k_b") and isinstance(within, Link):
+        stated = "material.youngs_modulus" if within.material else "k_b[0]"
+        return f"{here}.{stated} and the like, which state the stiffness: either material, or k_e and k_b"
     if step in known:
         return f"all of {path[: at.end()]}, which has no value yet, or no parts"
     return f"a key of {here}: {', '.join(known)}{nearest(str(step), known)}"

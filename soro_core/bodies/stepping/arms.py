@@ -258,13 +258,16 @@ def _move(
             before, after = w.movers.start[i, b], w.movers.end[i, b]
             q1[b] = q0[b] + h * (before + w.movers.theta[i] * (after - before))
             v1[b] = after
-            arms.acceleration[i, b] = run.work.acceleration[b]
         advance_internal(run.tables, z0, (v0, v1), h, z1, run.work.tangent)
         code = check(run.tables, q1, v1)
         if code != GOOD:
             return code
         if not finite(z1):
             return NOT_FINITE
+    # The next step begins with these: one that has failed leaves nothing behind.
+    for i in range(w.movers.n_arms):
+        found = view_at(like, arms.address[i]).work.acceleration
+        assign(found, arms.acceleration[i, : found.shape[0]])
     return GOOD
 
 

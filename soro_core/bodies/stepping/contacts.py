@@ -15,10 +15,8 @@ from soro_core.bodies.stepping.records import (
     ArmTables,
     WorldTables,
 )
+from soro_core.bodies.stepping.surfaces import NEAR
 from soro_core.bodies.stepping.vectors import cross, dot, subtract, turn
-
-# Gap [m] below which a contact is solved for, beside what the motion of a step closes.
-NEAR = 2e-4
 
 
 @inner

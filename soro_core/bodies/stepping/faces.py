@@ -6,9 +6,9 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.bodies.stepping.contacts import NEAR
 from soro_core.bodies.stepping.near import distance
-from soro_core.bodies.stepping.records import BOX, CAPSULE, CYLINDER, HERE, LOCAL, OUT, WorldTables
+from soro_core.bodies.stepping.records import ALONG, BOX, CAPSULE, CYLINDER, HERE, LOCAL, OUT, WorldTables
+from soro_core.bodies.stepping.surfaces import NEAR
 
 # A corner this far beside a face [m] still stands on it; an edge this steep, by its sine, does not lie on it.
 _BESIDE, _STEEP = 1e-5, 0.02
@@ -81,10 +81,13 @@ def corner_gap(w: WorldTables, b: int, face: int, radius: float) -> float:
 
 @inner
 def lies_on(w: WorldTables, b: int, face: int, edge: Array, part: Array) -> bool:
-    """Whether an edge lies on a face of box b; part (2,) <- where on the edge."""
+    """Whether an edge lies on a flat face of body b; part (2,) <- where on the edge."""
     R, size, centre, first, last = w.now.rotation[b], w.bodies.size[b], w.now.place[b], edge[0], edge[1]
+    is_box = w.bodies.kind[b] == BOX
     part[0], part[1] = 0.0, 1.0
     length = 0.0
+    # On the disc of a cylinder: |start + t along|^2 = radius^2.
+    square, middle, beyond = 0.0, 0.0, -size[0] * size[0]
     for c in range(3):
         length += (last[c] - first[c]) ** 2
     for r in range(3):
@@ -95,9 +98,51 @@ def lies_on(w: WorldTables, b: int, face: int, edge: Array, part: Array) -> bool
         if r == abs(face) - 1:
             if along * along > _STEEP * _STEEP * length:
                 return False
+        elif not is_box:
+            square += along * along
+            middle += start * along
+            beyond += start * start
         elif abs(along) > 1e-9 * size[r]:
             one, other = (-size[r] - start) / along, (size[r] - start) / along
             part[0], part[1] = max(part[0], min(one, other)), min(part[1], max(one, other))
         elif abs(start) > size[r] + _BESIDE:
             return False
+    if not is_box:
+        chord = middle * middle - square * beyond
+        # One that only meets the rim is none: it would come and go.
+        if not chord > 2.0 * _BESIDE * size[0] * square:
+            return False
+        chord = math.sqrt(chord)
+        part[0], part[1] = max(0.0, -(middle + chord) / square), min(1.0, (chord - middle) / square)
     return bool(part[0] < part[1])
+
+
+@inner
+def rim_meets(w: WorldTables, a: int, b: int, face: int, k: int) -> bool:
+    """Whether the rim of cylinder a has a point k on or over the disc of cylinder b; w.points[HERE] <- it.
+
+    The lens in which two discs overlap is spanned by where their rims cross, k = 1 and 2, and by the point of
+    each rim that is nearest to the axis of the other, k = 0.
+    """
+    local, x, out, side = w.points[LOCAL], w.points[HERE], w.points[OUT], w.points[ALONG]
+    R, own = w.now.rotation[b], w.now.rotation[a]
+    size, other = w.bodies.size[a], w.bodies.size[b]
+    distance(w, b, w.now.place[a])
+    apart = math.sqrt(local[0] * local[0] + local[1] * local[1])
+    parallel = own[0, 2] * R[0, 2] + own[1, 2] * R[1, 2] + own[2, 2] * R[2, 2]
+    if face < 0:
+        parallel = -parallel
+    if parallel * parallel < 1.0 - _STEEP * _STEEP or apart < _BESIDE:
+        return False
+    along, across = size[0], 0.0
+    if k > 0:
+        along = 0.5 * (apart + (size[0] * size[0] - other[0] * other[0]) / apart)
+        if not abs(along) < size[0]:
+            return False
+        across = math.sqrt(size[0] * size[0] - along * along) * (1.0 if k == 1 else -1.0)
+    for c in range(3):
+        out[c] = -(local[0] * R[c, 0] + local[1] * R[c, 1]) / apart
+        side[c] = (local[1] * R[c, 0] - local[0] * R[c, 1]) / apart
+        x[c] = w.now.place[a, c] - math.copysign(size[1], parallel) * own[c, 2]
+        x[c] += along * out[c] + across * side[c]
+    return True

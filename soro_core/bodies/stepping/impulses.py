@@ -5,6 +5,8 @@ With u the speed at the end of the step and P the impulse on the first side, alo
 slips and 0 where it does not. The spring k of a contact, with its damper c, acts at the end of the step:
 P = -h (k (gap + h u_n) + c u_n) is bias = -gap / (h + c/k) and soft = 1 / (k h (h + c/k)). Friction is not
 relaxed: a point that sticks has no speed, whatever it carries.
+
+Sides that are held together have that spring and damper in all directions, and push as they pull.
 """
 
 from __future__ import annotations
@@ -13,8 +15,8 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
-from soro_core.bodies.stepping.records import ContactTables, WorldTables
-from soro_core.bodies.stepping.vectors import dot, subtract
+from soro_core.bodies.stepping.records import HELD, ContactTables, WorldTables
+from soro_core.bodies.stepping.vectors import cross, dot, subtract
 from soro_core.model.links.linear import assign
 
 # Largest change of a speed [m/s] in the last sweep; what passes after all sweeps, in which forces that no
@@ -27,6 +29,8 @@ LEAP = 5
 SLOWEST_BOUNCE, SLOWEST_IMPACT = 0.01, 1e-3
 # Deeper surfaces [m] have met before.
 CLOSED = 1e-7
+# Speed per impulse [1/kg] of sides that hardly anything moves.
+_LEAST = 1e-9
 
 
 @inner
@@ -60,6 +64,9 @@ def meet(w: WorldTables, h: float) -> None:
     """
     k = w.contacts
     for c in range(k.counts[0]):
+        if k.friction[c] == HELD:
+            k.hard[c] = False
+            continue
         approach = -k.bias[c]
         # What has just closed is stopped, not pushed out within a step, however short that is.
         k.bias[c] = -max(k.gap[c], 0.0) / h
@@ -83,7 +90,10 @@ def set_blocks(k: ContactTables, stiffness: float, h: float) -> None:
                             total += k.G[c, side, i, b] * k.Y[c, side, j, b]
                 k.D[c, i, j] = total
         k.soft[c] = 0.0
-        if not k.hard[c] and k.D[c, 0, 0] > 0.0:
+        if k.friction[c] == HELD:
+            longer = h + 2.0 / math.sqrt(stiffness * max(k.D[c, 0, 0], k.D[c, 1, 1], k.D[c, 2, 2], _LEAST))
+            k.soft[c], k.bias[c] = 1.0 / (stiffness * h * longer), 1.0 / longer
+        elif not k.hard[c] and k.D[c, 0, 0] > 0.0:
             # Critical damping of the mass that the contact sees.
             longer = h + 2.0 / math.sqrt(stiffness * k.D[c, 0, 0])
             k.soft[c] = 1.0 / (stiffness * h * longer)
@@ -122,25 +132,30 @@ def solve_impulses(w: WorldTables) -> bool:
     for c in range(n):
         push(k, c, k.impulse[c], v)
     change = w.points[0]
-    worst = 0.0
+    worst, least = 0.0, math.inf
     for sweep in range(MOST_SWEEPS):
         worst = 0.0
         for c in range(n):
             assign(k.impulse[c], k.before[c])
-            worst = max(worst, _solve_one(k, c, v, change))
+            moved = _solve_one(k, c, v, change)
+            worst = moved if not moved <= worst else worst  # what is not finite stays
         if worst < TOLERANCE:
             return True
+        if not math.isfinite(worst):
+            return False
         if sweep % LEAP > LEAP - 3:
-            _leap(k, sweep % LEAP == LEAP - 1, v, change)
+            least = _leap(k, sweep % LEAP == LEAP - 1, v, change, least)
     return worst < LET_PASS
 
 
 @inner
-def _leap(k: ContactTables, leaps: bool, v: Array, change: Array) -> None:
+def _leap(k: ContactTables, leaps: bool, v: Array, change: Array, least: float) -> float:
     """Take a sweep's change of the impulses, and with that of the sweep before it all that is left.
 
     Where arms in contact are soft one way and stiff another, sweeps shrink what is left by a factor near 1:
-    then the sum of the series (Aitken) saves thousands of them.
+    then the sum of the series (Aitken) saves thousands of them. Where the last leap has not brought the
+    changes below `least`, those before it, sweeps go on alone: no cone bounds impulses that hold, and leaps
+    that lead away would grow without end. Gives the least square of changes from which it has leapt.
     """
     along, square = 0.0, 0.0
     for c in range(k.counts[0]):
@@ -148,17 +163,21 @@ def _leap(k: ContactTables, leaps: bool, v: Array, change: Array) -> None:
         along += dot(k.before[c], k.step[c])
         square += dot(k.step[c], k.step[c])
         assign(k.before[c], k.step[c])
-    if leaps and 0.0 < along < square:
+    if leaps and 0.0 < along < square < least:
+        least = square
         for c in range(k.counts[0]):
             for r in range(3):
                 change[r] = k.step[c, r] * along / (square - along)
                 k.impulse[c, r] += change[r]
             push(k, c, change, v)
+    return least
 
 
 @inner
 def _solve_one(k: ContactTables, c: int, v: Array, change: Array) -> float:
     """Update the impulse of one contact; gives the change of its speed."""
+    if k.friction[c] == HELD:
+        return _solve_held(k, c, v, change)
     D, P, soft = k.D[c], k.impulse[c], k.soft[c]
     if not D[0, 0] > 0.0:
         return 0.0
@@ -192,4 +211,26 @@ def _solve_one(k: ContactTables, c: int, v: Array, change: Array) -> float:
     if change[1] != 0.0 or change[2] != 0.0:
         moved = max(moved, (abs(change[1]) + abs(change[2])) * max(D[1, 1], D[2, 2]))
         push(k, c, change, v)
+    return moved
+
+
+@inner
+def _solve_held(k: ContactTables, c: int, v: Array, change: Array) -> float:
+    """Update the impulse between sides that are held together; gives the change of their speed."""
+    D, P, soft, A = k.D[c], k.impulse[c], k.soft[c], k.block
+    miss = A[6]
+    for i in range(3):
+        miss[i] = -(contact_speed(k, c, i, v) + k.bias[c] * k.apart[c, i] + soft * P[i])
+        for j in range(3):
+            A[i, j] = D[i, j] + (soft if i == j else 0.0)
+    # By Cramer's rule, with the products of its rows.
+    cross(A[1], A[2], A[3])
+    cross(A[2], A[0], A[4])
+    cross(A[0], A[1], A[5])
+    det, moved = dot(A[0], A[3]), 0.0
+    for r in range(3):
+        change[r] = (miss[0] * A[3, r] + miss[1] * A[4, r] + miss[2] * A[5, r]) / det
+        P[r] += change[r]
+        moved += abs(change[r]) * A[r, r]
+    push(k, c, change, v)
     return moved

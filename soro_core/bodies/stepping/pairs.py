@@ -7,13 +7,13 @@ import math
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.bodies.stepping.contacts import body_side, keep_contact, open_contact
-from soro_core.bodies.stepping.faces import corner_gap, face_towards, lies_on
+from soro_core.bodies.stepping.faces import corner_gap, face_towards, lies_on, rim_meets
 from soro_core.bodies.stepping.near import distance, nearest_part
 from soro_core.bodies.stepping.records import (
     ANGLE,
     AXIS,
     BALL,
-    BOX,
+    CYLINDER,
     DRIVEN,
     EDGE,
     ENDS,
@@ -29,9 +29,9 @@ from soro_core.bodies.stepping.records import (
 from soro_core.bodies.stepping.surfaces import corners, edge, skin
 from soro_core.bodies.stepping.vectors import subtract, turn, turn_back
 
-# Features of a pair of surfaces in a key: first the corners, then the edges, then their ends on a face.
+# Features of a pair of surfaces in a key: corners, edges, their ends on a face, and points of rims.
 FEATURES = 64
-_EDGES, _ENDS = 8, 20
+_EDGES, _ENDS, _RIMS = 12, 24, 48
 # An edge this near to its end touches with a corner.
 _END = 1e-3
 
@@ -63,23 +63,36 @@ def _touch(w: WorldTables, feature: int, pair: tuple[int, int], gap: float, h: f
 
 
 @inner
-def _touch_edge(w: WorldTables, e: int, face: int, pair: tuple[int, int], h: float, margin: float) -> bool:
-    """Contacts of edge e of the first of two bodies, which is w.points[EDGE:], between its corners."""
-    t, here = w.bodies, w.points[HERE]
+def _touch_edges(
+    w: WorldTables, pair: tuple[int, int], face: int, h: float, margin: float, anywhere: bool
+) -> bool:
+    """Contacts of the edges of the first of two bodies, between its corners, `anywhere` or on faces alone."""
+    t, here, ends, line = w.bodies, w.points[HERE], w.points[ENDS], w.points[EDGE : EDGE + 4]
     a, b = pair
-    radius, line = skin(t.kind[a], t.size[a]), w.points[EDGE : EDGE + 4]
-    # One that lies on a face touches where it leaves it: in between it would only balance.
-    ends = w.points[ENDS]
-    if face != 0 and t.kind[b] == BOX and lies_on(w, b, face, line, ends):
-        for end in range(2):
-            if _END < ends[end] < 1.0 - _END:
-                for r in range(3):
-                    here[r] = line[0, r] + ends[end] * line[2, r]
-                gap = corner_gap(w, b, face, radius)
-                if not _touch(w, _ENDS + 2 * e + end, pair, gap, h, margin):
-                    return False
-    elif _END < nearest_part(w, b, line, 0.0) < 1.0 - _END:
-        return _touch(w, _EDGES + e, pair, distance(w, b, here) - radius, h, margin)
+    radius, e = skin(t.kind[a], t.size[a]), 0
+    first, last = edge(t.kind[a], e)
+    while first != last:
+        _to_world(w, a, w.corners[first], line[0])
+        _to_world(w, a, w.corners[last], line[1])
+        subtract(line[1], line[0], line[2])
+        subtract(line[1], line[0], line[3])
+        # One that lies on a face touches where it leaves it: in between it would only balance.
+        if face != 0 and lies_on(w, b, face, line, ends):
+            for end in range(2):
+                if _END < ends[end] < 1.0 - _END:
+                    for r in range(3):
+                        here[r] = line[0, r] + ends[end] * line[2, r]
+                    gap = corner_gap(w, b, face, radius)
+                    if not _touch(w, _ENDS + 2 * e + end, pair, gap, h, margin):
+                        return False
+        elif (
+            anywhere
+            and _END < nearest_part(w, b, line, 0.0) < 1.0 - _END
+            and not _touch(w, _EDGES + e, pair, distance(w, b, here) - radius, h, margin)
+        ):
+            return False
+        e += 1
+        first, last = edge(t.kind[a], e)
     return True
 
 
@@ -88,7 +101,7 @@ def _touch_corners(w: WorldTables, pair: tuple[int, int], h: float, margin: floa
     """Contacts of the corners of the first of two bodies, and between them of its edges, with the second."""
     t = w.bodies
     a, b = pair
-    towards, line = w.points[TOWARDS], w.points[EDGE : EDGE + 4]
+    towards = w.points[TOWARDS]
     radius = skin(t.kind[a], t.size[a])
     distance(w, b, w.now.place[a])
     turn_back(w.now.rotation[a], w.points[OUT], towards)
@@ -100,18 +113,15 @@ def _touch_corners(w: WorldTables, pair: tuple[int, int], h: float, margin: floa
         _to_world(w, a, w.corners[i], w.points[HERE])
         if not _touch(w, i, pair, corner_gap(w, b, face, radius), h, margin):
             return False
-    e = 0
-    first, last = edge(t.kind[a], e)
-    while with_edges and first != last:
-        _to_world(w, a, w.corners[first], line[0])
-        _to_world(w, a, w.corners[last], line[1])
-        subtract(line[1], line[0], line[2])
-        subtract(line[1], line[0], line[3])
-        if not _touch_edge(w, e, face, pair, h, margin):
-            return False
-        e += 1
-        first, last = edge(t.kind[a], e)
-    return True
+    on_disc = face != 0 and t.kind[b] == CYLINDER
+    if on_disc and t.kind[a] == CYLINDER:
+        for k in range(3 if with_edges else 1):
+            if rim_meets(w, a, b, face, k) and not _touch(
+                w, _RIMS + k, pair, corner_gap(w, b, face, radius), h, margin
+            ):
+                return False
+    # Edges of the second body of a pair count, too, where they leave the disc of the first.
+    return not (with_edges or on_disc) or _touch_edges(w, pair, face, h, margin, with_edges)
 
 
 @inner

@@ -10,6 +10,7 @@ import math
 
 from soro_core._jit import inner
 from soro_core.bodies.stepping.contacts import arm_side, body_side, keep_contact, open_contact
+from soro_core.bodies.stepping.joints import is_joined
 from soro_core.bodies.stepping.near import distance, nearest_part, nearest_parts
 from soro_core.bodies.stepping.pairs import FEATURES
 from soro_core.bodies.stepping.records import HERE, MOST_CONTACTS, OUT, ArmTables, WorldTables
@@ -36,7 +37,7 @@ def find_arm_contacts(arms: ArmTables, w: WorldTables, h: float, margin: float, 
         for s in range(arms.first_site[i], arms.first_site[i + 1] - 1):
             _set_piece(arms, s)
             for b in range(w.bodies.kind.shape[0]):
-                if not _touch_body(arms, w, (i, s), b, h, margin):
+                if not is_joined(arms, i, b) and not _touch_body(arms, w, (i, s), b, h, margin):
                     return False
             for j in range(i + 1 if arms.touch_arms else 0):
                 for t in range(arms.first_site[j], min(arms.first_site[j + 1] - 1, s)):

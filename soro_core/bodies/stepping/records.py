@@ -21,6 +21,8 @@ FREE, HINGED, DRIVEN = 0, 1, 2
 POINT, AXIS, ARM, SPRING, DAMPER, LOW, HIGH, ABOUT_AXIS, HINGE_WIDTH = 0, 3, 6, 9, 10, 11, 12, 13, 14
 # Entries of `BodyRows.joint`.
 ANGLE, RATE = 0, 1
+# In place of a coefficient of friction: both sides are held together.
+HELD = -1.0
 # Largest number of contacts at a time.
 MOST_CONTACTS = 512
 # Entries of a stored contact: sides (body, or -1 - section), point, normal, force on the first side, gap.
@@ -90,6 +92,12 @@ class ArmTables(NamedTuple):
     friction: float
     """Where arms touch arms."""
     touch_arms: bool
+    joint_arm: Integers
+    """Arm, section and body of each point that holds a body on an arm, (n_j,)."""
+    joint_section: Integers
+    joint_body: Integers
+    joint_offset: Array
+    """Where the point is in the frames of section and body, (n_j, 2, 3) [m]."""
     R: Array
     """Rotations of the sections at the start of a step, (n_s, 3, 3)."""
     p: Array
@@ -146,7 +154,10 @@ class ContactTables(NamedTuple):
     """Rows: normal, out of the second side, and two tangents, (n, 3, 3)."""
     gap: Array
     friction: Array
+    """Coefficient, or HELD."""
     restitution: Array
+    apart: Array
+    """The first side's point less the second's, of sides that are held together, (n, 3) [m]."""
     given: Array
     """Speed at the end of the step that moves no mover: of an arm's base, (n, 3)."""
     mover: Integers
@@ -158,7 +169,7 @@ class ContactTables(NamedTuple):
     D: Array
     """Speed of the contact per impulse on it, (n, 3, 3)."""
     bias: Array
-    """Least normal speed at the end of the step, (n,)."""
+    """Least normal speed at the end of the step; the rate at which held sides close in, (n,)."""
     hard: Flags
     """Impacts, (n,)."""
     soft: Array
@@ -169,6 +180,8 @@ class ContactTables(NamedTuple):
     step: Array
     old_key: Integers
     old_impulse: Array
+    block: Array
+    """Scratch, (7, 3)."""
 
 
 class WorldTables(NamedTuple):
@@ -184,7 +197,7 @@ class WorldTables(NamedTuple):
     points: Array
     """Scratch: points and directions, (N_POINTS, 3)."""
     corners: Array
-    """Corners of a body, (8, 3)."""
+    """Corners of a body, (12, 3)."""
 
 
 class StepPart(NamedTuple):
@@ -234,6 +247,7 @@ def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[
         np.zeros(most),
         np.zeros(most),
         np.zeros((most, 3)),
+        np.zeros((most, 3)),
         np.zeros((most, 2), dtype=np.int64),
         np.zeros((most, 2, 3, width)),
         np.zeros((most, 2, 3, width)),
@@ -246,10 +260,11 @@ def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[
         np.zeros((most, 3)),
         np.zeros(most, dtype=np.int64),
         np.zeros((most, 3)),
+        np.zeros((7, 3)),
     )
     now = BodyRows(np.zeros((n_b, 3)), np.zeros((n_b, 3, 3)), np.zeros((n_b, 6)), np.zeros((n_b, 2)))
     then = BodyRows(np.zeros((n_b, 3)), np.zeros((n_b, 3, 3)), np.zeros((n_b, 6)), np.zeros((n_b, 2)))
-    return Box(WorldTables(bodies, now, then, movers, contacts, np.zeros((N_POINTS, 3)), np.zeros((8, 3))))
+    return Box(WorldTables(bodies, now, then, movers, contacts, np.zeros((N_POINTS, 3)), np.zeros((12, 3))))
 
 
 @kernel

@@ -8,8 +8,8 @@ from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.arrays import Array, Integers
 from soro_core.bodies.stepping.arms import arm_speed, locate_arms, solve_movers
-from soro_core.bodies.stepping.contacts import NEAR
 from soro_core.bodies.stepping.impulses import meet, recall_impulses, store_impulses
+from soro_core.bodies.stepping.joints import find_joints
 from soro_core.bodies.stepping.moving import body_answers, free_bodies, move_bodies, start_bodies
 from soro_core.bodies.stepping.pairs import find_body_contacts
 from soro_core.bodies.stepping.pieces import find_arm_contacts
@@ -20,6 +20,7 @@ from soro_core.bodies.stepping.records import (
     FORCE,
     GAP,
     GROUND,
+    HELD,
     MOST_CONTACTS,
     NORMAL,
     SIDE_A,
@@ -30,6 +31,7 @@ from soro_core.bodies.stepping.records import (
     StepPart,
     WorldTables,
 )
+from soro_core.bodies.stepping.surfaces import NEAR
 from soro_core.bodies.stepping.vectors import dot
 from soro_core.integrate.implicit import SMALLEST_PART
 from soro_core.model.dynamics import BAD_INPUT, GOOD, finite
@@ -96,7 +98,9 @@ def _find(arms: ArmTables, w: WorldTables, h: float) -> bool:
         rim = w.bodies.bound[b] * math.sqrt(dot(spin, spin))
         fastest = max(fastest, rim + math.sqrt(dot(speed, speed)))
     margin = NEAR + 4.0 * h * fastest
-    if not (find_body_contacts(w, h, margin) and find_arm_contacts(arms, w, h, margin, among_arms)):
+    if not (find_joints(arms, w) and find_body_contacts(w, h, margin)):
+        return False
+    if not find_arm_contacts(arms, w, h, margin, among_arms):
         return False
     for i in range(m.theta.shape[0]):
         m.theta[i] = 0.5
@@ -190,12 +194,14 @@ def _store_contacts(w: WorldTables, h: float, contact: Array, n: int) -> int:
     k = w.contacts
     for c in range(k.counts[0]):
         P = k.impulse[c]
-        if P[0] == 0.0 or k.side[c, 0] == k.side[c, 1]:
+        is_held = k.friction[c] == HELD
+        if (P[0] == 0.0 and not is_held) or k.side[c, 0] == k.side[c, 1]:
             continue
         row = contact[n]
         row[SIDE_A], row[SIDE_B], row[GAP] = k.side[c, 0], k.side[c, 1], k.gap[c]
         for r in range(3):
-            row[WHERE + r], row[NORMAL + r] = k.point[c, r], k.frame[c, 0, r]
+            # A joint has no normal, and no part in sums of normal forces.
+            row[WHERE + r], row[NORMAL + r] = k.point[c, r], 0.0 if is_held else k.frame[c, 0, r]
             row[FORCE + r] = dot(k.frame[c, :, r], P) / h
         n += 1
     return n

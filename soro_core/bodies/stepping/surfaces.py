@@ -13,6 +13,10 @@ from soro_core.bodies.stepping.records import BALL, BOX, CAPSULE, CYLINDER, GROU
 
 # Below this part of a length, a direction is none.
 _NONE = 1e-9
+# Points by which each rim of a cylinder touches.
+RIM = 6
+# Gap [m] below which a contact is solved for, beside what the motion of a step closes.
+NEAR = 2e-4
 
 
 @inner
@@ -76,7 +80,7 @@ def corners(kind: int, size: Array, out: Array, found: Array) -> int:
     """found <- points by which a body touches others; gives their number.
 
     `out` is the direction towards the other body. A cylinder touches with the point of each rim that lies the
-    farthest along it, and two more so that it can stand.
+    farthest along it, and with five more so that it can stand.
     """
     if kind == BALL:
         found[0, 0] = found[0, 1] = found[0, 2] = 0.0
@@ -93,15 +97,17 @@ def corners(kind: int, size: Array, out: Array, found: Array) -> int:
         return 8
     if kind == CYLINDER:
         across = math.sqrt(out[0] * out[0] + out[1] * out[1])
-        # One that stands keeps its points: the direction is round-off.
-        c, s = (out[0] / across, out[1] / across) if across > 1e-3 else (1.0, 0.0)
-        for i in range(6):
-            angle = (i % 3) * 2.0 * math.pi / 3.0
+        # One that stands keeps its points: it tilts a little as its contacts yield, and points that moved
+        # with this tilt would rock it.
+        tilts = across * 2.0 * size[0] > NEAR
+        c, s = (out[0] / across, out[1] / across) if tilts else (1.0, 0.0)
+        for i in range(2 * RIM):
+            angle = (i % RIM) * 2.0 * math.pi / RIM
             ca, sa = math.cos(angle), math.sin(angle)
             found[i, 0] = size[0] * (c * ca - s * sa)
             found[i, 1] = size[0] * (s * ca + c * sa)
-            found[i, 2] = size[1] if i < 3 else -size[1]
-        return 6
+            found[i, 2] = size[1] if i < RIM else -size[1]
+        return 2 * RIM
     return 0
 
 
@@ -111,7 +117,7 @@ def edge(kind: int, k: int) -> tuple[int, int]:
     if kind == CAPSULE and k == 0:
         return 0, 1
     if kind == CYLINDER and k == 0:
-        return 0, 3
+        return 0, RIM
     if kind == BOX and k < 12:
         axis, place = k // 4, k % 4
         # The two other axes spread the four edges along this one.

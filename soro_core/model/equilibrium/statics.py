@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,6 +30,11 @@ from soro_core.robot.coordinates import strain_fields
 
 # A stiff hold makes a narrow, bent valley, in which a search from afar stalls: its force is raised in steps.
 SHARES = tuple(np.geomspace(1e-6, 1.0, 13))
+# What is done about an arm whose rest is unstable.
+CURE = (
+    "hang it (base_quaternion: [1, 0, 0, 0] turns it from up to down), stiffen it, or call"
+    " stable_equilibrium, which finds where it falls to"
+)
 
 
 class NoBalanceError(ModelError):
@@ -88,21 +95,37 @@ def equilibrium(
 
     Notes
     -----
-    A line in the log of soro_core names pressures beyond the range of the robot, as in `simulate`.
+    A line in the log of soro_core names pressures beyond the range of the robot, as in `simulate`, and an
+    arm that would not stay where the search without a `start` has ended.
     """
     forces = _forces(arm, pressure, added_tip_mass, tension, wrench)
-    p, name = forces.pressure_pa, arm.robot.name
+    q = _equilibrium(forces, start)
+    if start is None and not forces.is_stable(q):
+        _note_unstable(arm.robot.name)
+    return q
+
+
+@cache  # once a robot
+def _note_unstable(name: str) -> None:
+    text = "equilibrium: %s does not stay there, this rest is unstable: it buckles; %s"
+    logging.getLogger("soro_core").warning(text, name, CURE)
+
+
+def _equilibrium(forces: RestForces, start: ArrayLike | None) -> Array:
+    arm, p = forces.arm, forces.pressure_pa
+    cure = "start the search nearer to it (start), or lower the load"
     if start is not None:
-        q, failure = _near(forces, finite(shaped(start, (arm.n_q,), "start", name), "start"))
+        q, failure = _near(forces, finite(shaped(start, (arm.n_q,), "start", arm.robot.name), "start"))
     else:
         q, failure = _near(forces, np.zeros(arm.n_q))
         if (p.any() or forces.wrench is not None) and (failure or not forces.is_stable(q)):
-            q, failure = _from_rest(forces, q, failure)
+            q, failure, is_unstable = _from_rest(forces, q, failure)
+            if failure and is_unstable:
+                failure += "; without pressure its rest is unstable, it buckles under its weight"
+                cure = CURE
     if failure:
-        cure = "start the search nearer to it (start), or lower the load"
-        raise ModelError(
-            f"no equilibrium at pressures {listed(p)} Pa of {name}: {failure}; {cure}", "equilibrium"
-        )
+        where = f"pressures {listed(p)} Pa of {arm.robot.name}"
+        raise ModelError(f"no equilibrium at {where}: {failure}; {cure}", "equilibrium")
     return q
 
 
@@ -137,14 +160,14 @@ def stable_equilibrium(
     forces = _forces(arm, pressure, added_tip_mass)
     if near is not None:
         try:
-            q = equilibrium(arm, pressure, near, added_tip_mass)
+            q = _equilibrium(forces, near)
         except ModelError:
             pass
         else:
             if forces.is_stable(q):
                 return q
     try:
-        q = equilibrium(arm, pressure, None, added_tip_mass)
+        q = _equilibrium(forces, None)
     except NoBalanceError:
         raise
     except ModelError:  # there is no branch to follow from an unstable rest
@@ -212,18 +235,18 @@ def _forces(
     return RestForces(arm, p, number(added_tip_mass), wrench)
 
 
-def _from_rest(forces: RestForces, found: Array, failure: str) -> tuple[Array, str]:
-    """Equilibrium on the branch from rest; what was found before where there is no stable rest."""
+def _from_rest(forces: RestForces, found: Array, failure: str) -> tuple[Array, str, bool]:
+    """Equilibrium on the branch from rest and why none; what was found before, and True, of unstable rest."""
     arm, p = forces.arm, forces.pressure_pa
     none = RestForces(arm, np.zeros(arm.n_u), forces.added_tip_mass)
     rest, unrest = _near(none, np.zeros(arm.n_q))
     if unrest or not none.is_stable(rest):
-        return found, failure
+        return found, failure, not unrest
     fields = strain_fields(arm.robot)
     weight = np.where(fields.stretch, 1.0, fields.length)
     branch = follow(forces.unbalanced, rest, weight, _scale(none, 1.0))
     if not branch.is_whole:
-        return branch.q, "the arm moves too far on the way there from no pressure"
+        return branch.q, "the arm moves too far on the way there from no pressure", False
     if branch.share < 1.0:
         reached = p - (1.0 - branch.share) * arm.acting_pressure(p)
         share = "" if forces.wrench is None else f" with {100.0 * branch.share:.3g} % of the wrench"
@@ -233,7 +256,7 @@ def _from_rest(forces: RestForces, found: Array, failure: str) -> tuple[Array, s
             " load",
             tuple(float(one) for one in reached),
         )
-    return _search(forces, 1.0, branch.q)
+    return *_search(forces, 1.0, branch.q), False
 
 
 def _near(forces: RestForces, begin: Array) -> tuple[Array, str]:

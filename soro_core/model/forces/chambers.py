@@ -11,7 +11,8 @@ section by section. The force is p times the gradient of the chamber's volume,
     dV/dq = int A exp(area_slope delta) d(delta)/dq dsigma,
 
 so that it stays conservative at constant pressure. With area_saturation = w the growth is the logistic curve
-of docs/model.md (54) instead, which ends at 1 / w. Of a pressure within the dead band nothing acts, of others
+of docs/model.md (54) instead, which ends at 1 / w. A muscle has a negative area, whose growth is that of its
+braid, (58) of docs/model_terms.md. Of a pressure within the dead band nothing acts, of others
 what is beyond it, (56). The integrals are sums over the nodes of the link. At each
 the tables have the gradient of what a constant area would displace there, so that A delta is its product with
 q. Where the strain or the area is constant, one sample stands for the whole link.
@@ -69,19 +70,37 @@ def _growth(t: Tables, i: int, u: int, k: int, q: Array) -> float:
     """Area there over that without strain."""
     rate: float = t.area_rate[k, i, u]
     w: float = t.area_saturation[i, u]
+    b: float = t.braid[i, u]
     if rate == 0.0:
         return 1.0
     exponent = rate * _displaced(t, i, u, k, q)
+    if b != 0.0:  # of a muscle the rate makes it the strain
+        return (b * (1.0 + exponent) ** 2 - 1.0) / (b - 1.0)
     if w == 0.0:
         return math.exp(exponent)
     return 1.0 / (w + (1.0 - w) * math.exp(-max(exponent / (1.0 - w), -_FAR)))
 
 
 @inner
-def _swept(rate: float, w: float, plain: float) -> float:
+def _growth_rate(t: Tables, i: int, u: int, k: int, q: Array) -> float:
+    """Derivative of `_growth` by the volume that a constant area displaces there [1/m^3]."""
+    rate: float = t.area_rate[k, i, u]
+    b: float = t.braid[i, u]
+    if b != 0.0:
+        return rate * 2.0 * b * (1.0 + rate * _displaced(t, i, u, k, q)) / (b - 1.0)
+    w: float = t.area_saturation[i, u]
+    growth = _growth(t, i, u, k, q)
+    return rate * growth * (1.0 - w * growth) / (1.0 - w)
+
+
+@inner
+def _swept(rate: float, w: float, b: float, plain: float) -> float:
     """Volume displaced where a constant area displaces `plain` [m^3]: the integral of the growth."""
     if rate == 0.0:
         return plain
+    if b != 0.0:
+        strain = rate * plain
+        return plain * (b * (1.0 + strain + strain**2 / 3.0) - 1.0) / (b - 1.0)
     if w == 0.0:
         return math.expm1(rate * plain) / rate
     exponent = rate * plain / (1.0 - w)
@@ -118,7 +137,7 @@ def volumes(t: Tables, q: Array, volume: Array) -> None:
         for i in range(t.length.shape[0]):
             for k in range(t.chamber_samples[i, u]):
                 plain = _displaced(t, i, u, k, q)
-                volume[u] += _swept(t.area_rate[k, i, u], t.area_saturation[i, u], plain)
+                volume[u] += _swept(t.area_rate[k, i, u], t.area_saturation[i, u], t.braid[i, u], plain)
     add_shortening(t.tendons, t, q, volume)
 
 
@@ -139,11 +158,9 @@ def add_pressure_stiffness(t: Tables, q: Array, pressure: Array, factor: float, 
     for i in range(t.length.shape[0]):
         for u in range(pressure.shape[0]):
             for k in range(t.chamber_samples[i, u]):
-                rate = t.area_rate[k, i, u]
-                if rate == 0.0:
+                if t.area_rate[k, i, u] == 0.0:
                     continue
-                growth, w = _growth(t, i, u, k, q), t.area_saturation[i, u]
-                scaled = factor * acting(t, u, pressure[u]) * rate * growth * (1.0 - w * growth) / (1.0 - w)
+                scaled = factor * acting(t, u, pressure[u]) * _growth_rate(t, i, u, k, q)
                 for c in range(t.offset[i], t.offset[i + 1]):
                     for d in range(t.offset[i], t.offset[i + 1]):
                         K[c, d - t.offset[i]] -= scaled * t.actuation[k, c, u] * t.actuation[k, d, u]

@@ -48,11 +48,30 @@ def test_a_body_stays_on_the_face_below_it(upper):
     assert np.abs(result.twist["upper"][-1]).max() < 1e-5
 
 
-@pytest.mark.parametrize("shape", [CUBE, ROUND])
-def test_a_body_stays_on_a_cylinder(shape):
-    result = run({"ground": ground(), "lower": body(ROUND), "upper": body(shape, z=0.06)})
+@pytest.mark.parametrize(
+    ("lower", "upper"),
+    [
+        (body(ROUND), body(z=0.06)),
+        (body(ROUND), body(ROUND, z=0.06)),
+        (body(ROUND), body(ROUND, z=0.06, x=0.008, y=0.006)),
+        (body(ROUND), body(CylinderShape(radius=0.012, length=0.04), z=0.06, x=0.012, y=-0.004)),
+        (body(ROUND), body(CylinderShape(radius=0.03, length=0.04), z=0.06, y=0.015)),
+        (body(ROUND), body(BAR, z=0.05, y=0.004)),
+        (
+            body(BoxShape(size=[0.02, 0.02, 0.04]), fixed=True),
+            body(ROUND, z=0.06, x=0.003, y=0.003, quaternion=[0.0, 0.0, 0.4, 0.9165151389911681]),
+        ),
+        (body(BoxShape(size=[0.02, 0.02, 0.04]), fixed=True), body(ROUND, z=0.06, x=0.007, y=0.001)),
+    ],
+    ids=["box", "flush", "beside", "smaller", "larger", "bar", "corner", "edge"],
+)
+@pytest.mark.parametrize("first", ["lower", "upper"])
+def test_a_body_stays_on_a_disc(lower, upper, first):
+    bodies = {"lower": lower, "upper": upper}
+    result = run({"ground": ground(), first: bodies.pop(first), **bodies})
     assert result.status.ok, result.status
-    assert np.abs(result.place["upper"][-1] - [0.0, 0.0, 0.06]).max() < 1e-4
+    assert np.abs(result.place["upper"] - upper.position).max() < 1e-4
+    assert np.abs(result.twist["upper"][-1]).max() < 1e-5
 
 
 def test_a_tower_of_equal_boxes_stands():

@@ -94,7 +94,7 @@ BAD = [
         REMOVED,
         "links[0].chambers[0].offset_m",
         "None",
-        "area_m2 together",
+        "area_m2 or muscle together",
     ),
     (("links", 0, "chambers", 0, "alpha_eps"), 1e-6, "links[0].chambers[0].alpha_kappa", "None", "together"),
     (

@@ -1,0 +1,84 @@
+"""An arm that bears the weight of a hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from soro_core import SoftArm, load_robot
+from soro_core.bodies import Attachment, BodyWorld, BoxShape, Hinge, RigidBody, simulate_world
+from soro_core.bodies.counterbalance import Counterbalance, CounterbalanceState, LimbMoments, limb_moments
+from soro_core.errors import ModelError
+
+WRIST = Hinge(point=(0.0, 0.0, 0.0), axis=(0.0, 1.0, 0.0), stiffness=1.0, damping=0.05)
+MUSCLE = SoftArm(load_robot("wrist_muscle"))
+# A moment that does not depend on the angle, 10 mN m a kPa.
+PLAIN = LimbMoments(np.array([-1.0, 1.0]), np.zeros(2), np.full(2, -1e-5))
+
+
+def test_the_moment_holds_a_hand_where_the_world_rests():
+    """The world of arm and hand, whose joint and hinge know nothing of the table, comes to rest there."""
+    angles = np.linspace(-0.6, 0.6, 25)
+    moments = limb_moments(MUSCLE, WRIST, angles)
+    hand = RigidBody(
+        shape=BoxShape(size=(0.18, 0.08, 0.03)),
+        mass=0.4,
+        position=(0.09, 0.0, 0.0),
+        hinge=WRIST,
+        attached=Attachment(),
+    )
+    for pressure in (20e3, 60e3):
+        run = simulate_world(
+            BodyWorld({"hand": hand}, {"muscle": MUSCLE}),
+            t_end=4.0,
+            dt=2e-3,
+            pressures={"muscle": [pressure]},
+        )
+        assert run.status.ok, run.status
+        angle = run.angle["hand"][-1, 0]
+        assert abs(run.angle["hand"][-1, 1]) < 1e-3
+        assert abs(angle) < 0.6
+        without, per_pa = moments.at(angle)
+        weight, spring = 9.81 * 0.4 * 0.09 * math.cos(angle), -WRIST.stiffness * angle
+        assert abs(spring) > 0.03
+        assert without + per_pa * pressure == pytest.approx(-weight - spring, rel=0.01)
+
+
+def test_the_weight_is_learned_while_the_limb_is_relaxed_and_frozen_then():
+    law, state, dt = Counterbalance(PLAIN, (0.0, 3e5)), CounterbalanceState(), 0.01
+    for _ in range(299):  # to 2.99 s
+        state, _ = law.step(state, 0.0, 0.0, 40e3, dt)
+    assert state.weight == pytest.approx(-0.4)
+    state, setpoint = law.step(state, 0.0, 0.0, 90e3, 2.0 * dt)
+    assert setpoint == pytest.approx(40e3)
+    # Whatever the wearer does: the moment of the weight at that angle alone.
+    later, setpoint = law.step(state, 0.5, 3.0, 10e3, dt)
+    assert setpoint == pytest.approx(40e3 * math.cos(0.5))
+    assert later.weight == state.weight
+
+
+def test_set_points_stay_in_their_range():
+    law = Counterbalance(PLAIN, (15e3, 30e3))
+    for angle, expected in ((1.0, 30e3), (-1.2, 15e3)):
+        _, setpoint = law.step(CounterbalanceState(), angle, 0.0, 0.0, 0.01)
+        assert setpoint == expected
+
+
+@pytest.mark.parametrize("values", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0, math.nan)])
+def test_what_is_not_finite_is_refused_before_it_is_limited(values):
+    with pytest.raises(ModelError, match="not finite"):
+        Counterbalance(PLAIN, (0.0, 3e5)).step(CounterbalanceState(), *values, 0.01)
+
+
+def test_a_limb_that_hangs_is_not_weighed():
+    with pytest.raises(ModelError, match="of level"):
+        Counterbalance(PLAIN, (0.0, 3e5)).step(CounterbalanceState(), 1.5, 0.0, 0.0, 0.01)
+
+
+def test_arms_that_cannot_be_used_are_refused():
+    with pytest.raises(ModelError, match="3 chambers"):
+        limb_moments(SoftArm(load_robot("tue_three_bellow")), WRIST, [0.0])
+    link = MUSCLE.robot.links[0].model_dump(exclude={"least_elongation"}, exclude_none=True)
+    joint = SoftArm(MUSCLE.robot.replace(links=[{**link, "strains": {"bending_x": {}}, "damping": [1e-5]}]))
+    with pytest.raises(ModelError, match="cannot follow the limb"):
+        limb_moments(joint, WRIST, [0.0, 0.5])

@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 QUICK  := "not process and not ros and not slow"
 
-.PHONY: run gallery identify check quick coverage test pytest docs alicatlib colcon tf2_msgs lint bench soak newest numerics clean
+.PHONY: run gallery identify check quick coverage test pytest docs alicatlib colcon tf2_msgs aarch64 lint bench soak newest numerics clean
 .DEFAULT_GOAL := run
 
 run: $(VENV)/.installed
@@ -68,6 +68,10 @@ $(VENV)/.tf2_msgs: tests/installation/tf2_msgs.py | $(VENV)/.installed-test
 	$(BIN)/python -m tests.installation.tf2_msgs
 	@touch $@
 
+# Drivers, board and model as on a Raspberry Pi, in emulation: with qemu-user-static, on Debian or Ubuntu; some half an hour.
+aarch64: $(VENV)/.installed-test
+	$(BIN)/python -m tests.installation.aarch64
+
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -96,11 +100,13 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: pyproject.toml setup.py | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all]'
+	@echo "installing soro and its packages into $(VENV), once: one or two minutes"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all]'
 	@touch $@
 
 $(VENV)/.installed-test: pyproject.toml setup.py | $(VENV)/bin/python
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all,test,docs]'
+	@echo "installing soro and its packages into $(VENV), once: one or two minutes"
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[all,test,docs]'
 	@touch $@ $(VENV)/.installed
 
 clean:

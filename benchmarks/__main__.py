@@ -22,6 +22,7 @@ from benchmarks import (
     design,
     discovery,
     estimation,
+    exoskeleton,
     force,
     forward,
     grasp,
@@ -89,6 +90,7 @@ SECTIONS = {
     "view": view,
     "bodies": bodies,
     "grasp": grasp,
+    "exoskeleton": exoskeleton,
 }
 app = typer.Typer(add_completion=False, pretty_exceptions_enable=False)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Sequence
+from datetime import datetime
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +18,8 @@ from soro_core import SoftArm, load_robot
 from soro_core.arrays import Array
 from soro_lab.identification.arm.cases.case import Whole
 from soro_lab.identification.recording import Plate, Recording, read_csv
+from soro_ros.ageing.model_error import CHANGE, ModelMismatch, mismatch_of
+from soro_ros.ageing.trend import AGAIN, NEW, STIFFNESS, trend
 
 TITLE = "Identified robot file: asu_two_segment"
 ROBOT = "asu_two_segment"
@@ -60,7 +64,41 @@ def run(options: Options) -> str:
         "without a frozen sensor. Frozen: one reading over more than a second, while what drives the sensor "
         f"moves or its noise has stopped. Goal: {_GOAL}."
     )
-    return f"{text}\n\n{table(header, rows)}\n\n{wires(files)}"
+    return f"{text}\n\n{table(header, rows)}\n\n{_ageing(used)}\n\n{wires(files)}"
+
+
+def _ageing(recordings: Sequence[Recording]) -> str:
+    """Return what `soro log` would say of the age of this arm, day by day."""
+    robot = load_robot(ROBOT)
+    arm, softer = SoftArm(robot), SoftArm(robot.scaled(stiffness=1.0 - CHANGE))
+    found: list[tuple[datetime, ModelMismatch]] = []
+    for recording in recordings:
+        if not is_frozen(recording):
+            away = differences(arm, recording)[0]
+            by_stiffness = (away - differences(softer, recording)[0]) / CHANGE
+            found.append((_day(recording.name), mismatch_of(-away, by_stiffness)))
+    found.sort(key=lambda one: one[0])
+    new_m = float(np.median([one.rms_m for _, one in found[:NEW]]))
+    over = trend(STIFFNESS, [((day - found[0][0]).days, one.stiffness, one.deviation) for day, one in found])
+    rows = []
+    for day in sorted({day for day, _ in found}):
+        own = [one for of, one in found if of == day]
+        error_m = float(np.median([one.rms_m for one in own]))
+        again = "yes" if error_m > AGAIN * new_m else "no"
+        stiffness = f"{np.mean([one.stiffness for one in own]):.2f}"
+        rows.append([f"{day:%Y-%m-%d}", len(own), f"{1e3 * error_m:.1f}", again, stiffness])
+    return (
+        "Ageing, by what `soro log` computes of the runs of an arm (docs/adr/0079); without those where a "
+        f"sensor froze. {STIFFNESS}: {100 * over.per_day:+.2f} ± {100 * over.deviation:.2f} % a day. "
+        f"Identify again: where the median is above {AGAIN:g} times that of the first {NEW} runs.\n\n"
+        + table(("day", "runs", "error of the model, mm", "identify again", STIFFNESS), rows)
+    )
+
+
+def _day(name: str) -> datetime:
+    """Return the day of a session, by the name of its file: 2023_jan4_r1, 2023_jan_10_1_r1."""
+    year, month, day = re.fullmatch(r"(\d+)_([a-z]+)_?(\d+).*", name).groups()
+    return datetime.strptime(f"{year} {month} {day}", "%Y %b %d")
 
 
 def is_held_out(name: str) -> bool:

@@ -36,17 +36,16 @@ FLAT = 0.1
 
 HEADER = """# Scene gallery
 
-Each [scene](README.md) is a file to run, read and change; the comment at its top says more.
+Each [scene](README.md) is a file to run, read and change; its first comment says more.
 
-    soro scenes                                      # prints name and purpose of each
+    soro scenes                                      # name and purpose of each
     soro run set_points                              # in real time; --set mode=lockstep: without deadlines
     mkdir my_scenes
     soro scenes set_points > my_scenes/mine.yaml     # a copy to change
-    soro scenes --folder my_scenes                   # lists it
+    soro scenes --folder my_scenes
 
-The pictures show the arm at the end of its run (colours: pressures; grey: reference of the tip; red: its
-path), the path of its true tip from above, the pressures or the force at the tip, and its distance from the
-reference. Below: the verdict, the tip error of the last 5 s (RMS), also in % of the arm's length.
+Pictures: the arm at the end (colours: pressures; grey: reference of the tip; red: its path), the true tip
+from above, pressures or force, distance from the reference. Below: verdict, RMS tip error of the last 5 s.
 """
 
 

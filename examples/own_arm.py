@@ -8,7 +8,7 @@ import sys
 
 from soro_core import SoftArm, load_robot, robot_from_dict, save_robot
 
-# Each key has its line in the reference "Keys of a robot"; what is left out has a default.
+# Each key has its line in soro_core/robot/description.py and link.py; what is left out has a default.
 link = {
     "length": 0.12,  # m
     "radius": 0.015,  # m

@@ -20,7 +20,7 @@ from soro_core.errors import ConfigError
 
 
 def lazy(package: str, homes: Mapping[str, str]) -> tuple[list[str], Callable[[str], Any]]:
-    """Return ``__all__`` and ``__getattr__`` of a package; its ``dir`` then has the names, for completion.
+    """Return ``__all__`` and ``__getattr__`` of a package; its ``dir`` has these names alone, for completion.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def lazy(package: str, homes: Mapping[str, str]) -> tuple[list[str], Callable[[s
         return getattr(import_module(modules[name], package), name)
 
     space = vars(sys.modules[package])
-    space["__dir__"] = lambda: sorted({*space, *modules})
+    space["__dir__"] = lambda: sorted({*(name for name in space if name.startswith("__")), *modules})
     return sorted(modules), get
 
 

@@ -100,7 +100,7 @@ _NAMES = {
     "Link.density": "kg/m3",
     "pa_per_n": "Pa/N",
     "Injection.at": "s",
-    **dict.fromkeys(("PointMass.place", "LinkSection.place", "TipConstraint.point"), "m"),
+    **dict.fromkeys(("PointMass.place", "LinkSection.place", "Attachment.place", "TipConstraint.point"), "m"),
     **dict.fromkeys(("Plane.point", "Wall.point", "Hinge.point", "BoxShape.size", "RigidBody.position"), "m"),
     "RigidBody.velocity": "m/s",
     "RigidBody.angular_velocity": "rad/s",

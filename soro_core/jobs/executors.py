@@ -100,7 +100,7 @@ class Threads(Executor):
 
 
 class Processes(Executor):
-    """Does jobs in processes of this machine, which begin with the first job and stay until `close`.
+    """Does jobs in processes of this machine, which all begin with the first job and stay until `close`.
 
     Parameters
     ----------
@@ -116,17 +116,29 @@ class Processes(Executor):
         """Begin a job, in new processes where one of the last ones has ended."""
         text, answer = sent(function, item), Future[Any]()
         for _ in range(2):
-            if self._pool is None:
-                # Not forked: threads and the locks of numba would be copied as they are.
-                context = multiprocessing.get_context("spawn")
-                self._pool = ProcessPoolExecutor(self.width, context, _ignore_interrupts)
             try:
                 with _one_thread_each():
-                    self._pool.submit(called, text).add_done_callback(lambda done: _pass_on(done, answer))
-                break
+                    job = self._begun().submit(called, text)
             except BrokenProcessPool:
                 self.close()
+            else:
+                job.add_done_callback(lambda done: _pass_on(done, answer))
+                return answer
+        answer.set_exception(LostWorkerError("worker processes end as they begin"))
         return answer
+
+    def _begun(self) -> ProcessPoolExecutor:
+        """Return the pool with all its processes.
+
+        The end of a process that begins beside a job would be seen at the end of that job.
+        """
+        if self._pool is None:
+            # Not forked: threads and the locks of numba would be copied as they are.
+            context = multiprocessing.get_context("spawn")
+            self._pool = ProcessPoolExecutor(self.width, context, _ignore_interrupts)
+            for _ in range(self.width):
+                self._pool.submit(int)
+        return self._pool
 
     def close(self) -> None:
         """End the processes, each after its job."""

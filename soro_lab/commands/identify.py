@@ -201,6 +201,10 @@ def identify(
     for recording in read:
         console.print(summary(recording), highlight=False, markup=False)
     if described is None or not any(recording.shapes for recording in read):
+        for option, stated in (("--known-load", known_load), ("--known-push", known_push)):
+            if stated:
+                allowed = "none for the air alone; else a robot, and recordings of its shape"
+                raise ConfigError("soro identify", option, stated[0], allowed)
         try:
             status = air.run(read, console, required=True)
         except ConfigError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from pathlib import Path
 from typing import Annotated
 
@@ -77,8 +78,11 @@ def new(
     from rich.console import Console
     from rich.markup import escape
 
+    from soro_core.errors import ModelError
+    from soro_core.robot import load_robot
     from soro_hardware.signals import raised
     from soro_lab.scaffold import ScaffoldOptions, new_arm, write_arm
+    from soro_lab.scaffold.reference import reached_tip
 
     options = ScaffoldOptions(
         name=name,
@@ -102,4 +106,10 @@ def new(
         console.print(f"[yellow]{escape(line)}[/yellow]", soft_wrap=True)
     for path in (written.robot, written.platform, written.scene):
         typer.echo(f"written: {path}")
-    typer.echo(f"run it on the twin: soro run {written.scene} --set mode=lockstep")
+    typer.echo(f"try it, as fast as possible:  soro run {written.scene} --set mode=lockstep")
+    typer.echo(f"in real time, to lead it:     soro run {written.scene} --view")
+    with contextlib.suppress(ModelError):  # of an arm without a rest, which the warnings name
+        tip = reached_tip(load_robot(written.robot), written.reference)
+        typer.echo(f"meanwhile, elsewhere:         soro move to {' '.join(f'{1e3 * x:.1f}' for x in tip)}")
+    if platform != "emulated":
+        typer.echo(f"valves, without pressure:     soro doctor {written.platform}")

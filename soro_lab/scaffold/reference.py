@@ -12,7 +12,7 @@ from soro_core.control.motions.kinematics import elongation_for_pressure
 from soro_core.errors import ModelError
 from soro_core.model import SoftArm
 from soro_core.model.equilibrium.rest_forces import RestForces
-from soro_core.model.equilibrium.statics import equilibrium
+from soro_core.model.equilibrium.statics import equilibrium, stable_equilibrium
 from soro_core.robot import Robot
 from soro_core.robot.coordinates import StrainFields, strain_fields
 
@@ -66,6 +66,21 @@ def first_reference(robot: Robot) -> FirstReference:
     if place is None:
         return FirstReference("hold")
     return FirstReference("set_point", set_point=tuple(float(f"{x:.4g}") for x in place))
+
+
+def reached_tip(robot: Robot, reference: FirstReference) -> Array:
+    """Return a place [m] where the tip can rest, away from where the reference holds it on average (3,).
+
+    Raises
+    ------
+    ModelError
+        If the arm has no rest there.
+    """
+    arm, (low, high) = SoftArm(robot), robot.pressure_range_pa
+    mean = reference.mean_pressure_pa if reference.kind == "circle" else low
+    first = np.array([name.endswith("/chamber0") for name in robot.chamber_names])
+    q = stable_equilibrium(arm, mean + np.where(first, 0.2 * min(high - mean, 0.5 * (high - low)), 0.0))
+    return np.asarray(arm.pose(q, arm.length)[:3, 3])
 
 
 def rests(robot: Robot, parts: int) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from soro_core.bodies.body import check_attachments
 from soro_core.control.config import require_chambers
 from soro_core.errors import ConfigError
 from soro_core.robot import Discretisation, Robot, load_robot
@@ -214,6 +215,8 @@ def _check_bodies(scene: Scene, where: str) -> None:
     names = list(scene.arms) or ["arm"]
     if both := [name for name in names if name in scene.bodies]:
         raise ConfigError(where, f"bodies.{both[0]}", both[0], "a name that no arm has")
+    lengths = [arm.loaded_robot.length for arm in scene.each]
+    check_attachments(scene.bodies, dict(zip(names, lengths, strict=True)), where)
     for arm in scene.each:
         if allowed := beside_bodies(arm.twin):
             raise ConfigError(_place(where, arm), "twin", "bodies in the scene", f"{allowed} beside them")

@@ -19,8 +19,8 @@ from soro_ros.recordings.recording import RunRecording, TopicSeries
 from soro_ros.recordings.report import tip_error
 
 FILE = "model_error.json"
-# Change of stiffness of the second simulation, whose tip tells how the tip depends on it.
-_CHANGE = 0.02
+CHANGE = 0.02
+"""Change of stiffness of the second simulation, whose tip tells how the tip depends on it."""
 # Time in which the start at rest fades [s], at most this part of the run.
 _FADES_S, _FADES_PART = 1.0, 0.25
 # Parts of a run, by which its deviation is known: neighbouring samples are no independent ones.
@@ -67,11 +67,24 @@ def model_error(recording: RunRecording, scene: Scene) -> ModelMismatch | None:
     try:
         model, softer = (
             _tips(robot.scaled(stiffness=scale), reading, (begin, end, 1.0 / scene.rate_hz), t)
-            for scale in (1.0, 1.0 - _CHANGE)
+            for scale in (1.0, 1.0 - CHANGE)
         )
     except SoroError:
         return None
-    away, by_stiffness = recording.true_tip.at(t) - model, (model - softer) / _CHANGE
+    away, by_stiffness = recording.true_tip.at(t) - model, (model - softer) / CHANGE
+    return mismatch_of(away, by_stiffness)
+
+
+def mismatch_of(away: Array, by_stiffness: Array) -> ModelMismatch:
+    """Return the mismatch of a model.
+
+    Parameters
+    ----------
+    away : ndarray (n, 3)
+        Tip of the arm from that of the model [m].
+    by_stiffness : ndarray (n, 3)
+        Derivative of the tip of the model by a factor on its stiffness [m].
+    """
     parts = [
         _least(*pair) for pair in zip(*(np.array_split(x, PARTS) for x in (away, by_stiffness)), strict=True)
     ]

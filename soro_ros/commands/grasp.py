@@ -53,7 +53,7 @@ def grasp(
     (docs/bodies.md). The lines say when it slips, and when it is at the crush limit.
 
     Exit status 0: the object was held for the duration. 1: a finger met nothing, the object was lost, or the
-    hand was vented. 2: it was refused before anything moved. Ctrl-C opens and ends the command.
+    hand was vented. 2: it was refused before anything moved. Ctrl-C opens, and the last line says so.
     """
     if action is GraspAction.OPEN and (force is not None or crush is not None):
         raise ConfigError("soro grasp", "open", "a force", "open alone")

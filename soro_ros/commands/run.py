@@ -106,7 +106,7 @@ def _report(scene: Scene, folder: Path, end: End, figure: bool, console: Console
     else:
         write(folder, results[""].summary, verdict, bodies=bodies)
     for one, result in zip(scene.each, results.values(), strict=True):
-        _show(one, folder, result, figure, console)
+        _show(one, folder, result, figure, console, end.error)
     if verdict.word in ("poor", "lost"):
         console.print(f"[red]soro: {escape(str(verdict))}[/red]", soft_wrap=True)
     for line in verdict.notes:
@@ -168,14 +168,14 @@ def _judge_bodies(scene: Scene, folder: Path) -> tuple[dict[str, Any], dict[str,
     return {name: one.to_dict() for name, one in found.items()}, {"bodies": judge_bodies(found)}
 
 
-def _show(arm: Scene, folder: Path, result: _Result, figure: bool, console: Console) -> None:
+def _show(arm: Scene, folder: Path, result: _Result, figure: bool, console: Console, said: str) -> None:
     """Print the figures of an arm, and draw its picture."""
     from soro_ros.pictures.picture import draw
     from soro_ros.recordings.report import table
     from soro_ros.recordings.verdict import with_verdict
 
     if result.summary is not None:
-        Console().print(table(with_verdict(result.summary, result.verdict), arm))
+        Console().print(table(with_verdict(result.summary, result.verdict), arm, said))
         if figure and result.recording is not None:
             picture = folder / f"{arm.prefix.rstrip('/') or 'run'}.png"
             draw(result.recording, arm, picture)

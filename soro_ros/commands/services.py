@@ -216,7 +216,7 @@ def service_caller() -> Iterator[ServiceCaller]:
         from soro_ros.host.services import ServiceCaller
 
         try:
-            with ServiceCaller(lambda: bool(stopping)) as caller:
+            with ServiceCaller(lambda: len(stopping)) as caller:
                 yield caller
         except KeyboardInterrupt:
             typer.echo("soro: interrupted", err=True)
@@ -255,6 +255,8 @@ def one_node(caller: ServiceCaller, service: str, wanted: str, limit_s: float, p
 def _none(caller: ServiceCaller, service: str, wanted: str, publishing: str = "") -> SoroError:
     """Return the error for a search without result."""
     others = [name for name in caller.offering(service) if wanted]
+    if publishing == COMMANDS and not wanted and not caller.offering(service):
+        return SoroError(f"no arm is running in {caller.domain}: soro run SCENE starts one")
     missing = f"no node {wanted}" if others else f"no node with a service ~/{service}"
     if publishing:
         missing += f" that publishes {publishing}"

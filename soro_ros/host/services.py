@@ -115,7 +115,8 @@ class ServiceCaller:
     Parameters
     ----------
     cancelled : callable
-        Function that returns whether to end; every wait then raises KeyboardInterrupt.
+        Function that returns how often to end was asked for; each time a wait raises KeyboardInterrupt, and
+        what is asked for after that is waited for again.
 
     Raises
     ------
@@ -123,8 +124,8 @@ class ServiceCaller:
         If ROS cannot be joined, for example because ROS_DOMAIN_ID is not a number.
     """
 
-    def __init__(self, cancelled: Callable[[], bool]) -> None:
-        self._cancelled = cancelled
+    def __init__(self, cancelled: Callable[[], int]) -> None:
+        self._cancelled, self._raised = cancelled, 0
         try:
             middleware.init()
         except rclpy_implementation.RCLError as error:
@@ -155,7 +156,8 @@ class ServiceCaller:
         """Receive messages for a time [s]."""
         deadline = time.monotonic() + seconds
         while (left := deadline - time.monotonic()) > 0.0:
-            if self._cancelled():
+            if (asked := self._cancelled()) > self._raised:
+                self._raised = asked
                 raise KeyboardInterrupt
             self._executor.spin_once(timeout_sec=min(left, _POLL_S))
 

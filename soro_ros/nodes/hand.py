@@ -68,7 +68,9 @@ class HandNode(SoroNode[HandNodeConfig]):
         self._seen: dict[str, JointState | PoseStamped] = {}
         self._waiting: dict[int, dict[str, JointState | PoseStamped]] = {}
         self._in_control_ns = dict.fromkeys(names, -1)
-        self._stepped_ns = self._law_ns = self._epoch_ns = -1
+        self._stepped_ns = self._law_ns = -1
+        # Time counts from the first tick with control; in lockstep that would depend on the order of arrival.
+        self._epoch_ns: int | None = 0 if self._lockstep else None
         self._of_fingers = [f"{name}/{topic}" for name in names for topic in ("arm/state", "chambers/state")]
         self._sources = list(self._of_fingers)
         sensor = qos.sensor(self._lockstep)
@@ -132,9 +134,11 @@ class HandNode(SoroNode[HandNodeConfig]):
             # A tracker that is silent must not keep the hand from opening.
             fingers = [self._seen[one] for one in self._of_fingers if one in self._seen]
             stamps = [messages.to_ns(one.header.stamp) for one in fingers]
-            if len(stamps) < len(self._of_fingers) or min(stamps) <= self._stepped_ns:
+            if len(stamps) < len(self._of_fingers) or min(stamps) <= self._stepped_ns <= max(stamps):
                 return
             stamp_ns = max(stamps)
+        if stamp_ns < self._stepped_ns:
+            self._take_clock(stamp_ns)
         self._stepped_ns = stamp_ns
         dt = 1e-9 * (stamp_ns - self._law_ns)
         if dt >= _PERIOD_S - 1e-6:
@@ -142,6 +146,15 @@ class HandNode(SoroNode[HandNodeConfig]):
             self._tick(stamp_ns, dt)
         elif self._lockstep:
             self._ask(stamp_ns)
+
+    def _take_clock(self, now_ns: int) -> None:
+        """Go on from the time of a clock that has been set back."""
+        back_ns, self._stepped_ns = self._stepped_ns - now_ns, now_ns
+        self._law_ns -= back_ns
+        if self._epoch_ns is not None and not self._lockstep:
+            self._epoch_ns -= back_ns
+        self._in_control_ns = {name: min(at_ns, now_ns) for name, at_ns in self._in_control_ns.items()}
+        self._reported_s = -np.inf
 
     def _felt_now(self, stamp_ns: int) -> Felt | None:
         """What is measured; None where a finger has no estimate."""
@@ -168,14 +181,14 @@ class HandNode(SoroNode[HandNodeConfig]):
         if seen is None or not messages.is_pose(seen.pose):
             return None
         age_s = 1e-9 * (stamp_ns - messages.to_ns(seen.header.stamp))
-        return float(seen.pose.position.z) if age_s < self._config.state_age_s else None
+        return float(seen.pose.position.z) if abs(age_s) < self._config.state_age_s else None
 
     # One tick --------------------------------------------------------------------------------------
     def _tick(self, stamp_ns: int, dt: float) -> None:
         felt, without = self._felt_now(stamp_ns), self._without_control(stamp_ns)
-        if self._epoch_ns < 0 and not without:
+        if self._epoch_ns is None and not without:
             self._epoch_ns = stamp_ns
-        self._t_s = 1e-9 * (stamp_ns - self._epoch_ns) if self._epoch_ns >= 0 else 0.0
+        self._t_s = 0.0 if self._epoch_ns is None else 1e-9 * (stamp_ns - self._epoch_ns)
         if without and self._state.phase != "open":
             # Who vents a finger takes its pressure: what the hand asks for counts no more.
             self._closes, self._state = False, self._hand.squeeze.initial_state()
@@ -258,8 +271,11 @@ class HandNode(SoroNode[HandNodeConfig]):
 
     def diagnose(self) -> None:
         if self._state.phase != "open" and not self._lockstep:
-            age_s = 1e-9 * (self.get_clock().now().nanoseconds - self._stepped_ns)
-            if age_s > max(self._config.state_age_s, 1.0):
+            now_ns = self.get_clock().now().nanoseconds
+            age_s = 1e-9 * (now_ns - self._stepped_ns)
+            if age_s < -self._config.state_age_s:
+                self._take_clock(now_ns)
+            elif age_s > max(self._config.state_age_s, 1.0):
                 self._open_at_once()
                 self._report(LOST, f"nothing is measured for {age_s:.1f} s: the hand opens", WARN)
         values: dict[str, object] = {"phase": self._state.phase, "force_n": float(self._state.force_n.mean())}

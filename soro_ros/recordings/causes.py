@@ -7,10 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from soro_core.loop import AT_LIMIT_PART
 from soro_ros.status_words import NO_COMMAND, NO_ESTIMATE
 
-# Largest part of the set points at a bound, and of their changes at a limit of rate, of a good run.
-AT_LIMIT_PART = 0.2
 # Part of the time for which a chamber is at one bound of a run that this bound has spoilt.
 _MOST_PART = 0.5
 # Part of the cycles of a loop that may come too late.

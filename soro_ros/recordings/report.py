@@ -265,12 +265,27 @@ def _is_complete(lasted_s: float, faults: tuple[str, ...], scene: Scene) -> bool
     return not faults and lasted_s >= scene.duration_s - MISSING_S
 
 
-def table(summary: Summary, scene: Scene) -> Table:
-    """Return the figures as a table for the terminal."""
+def table(summary: Summary, scene: Scene, said: str = "") -> Table:
+    """Return the figures as a table for the terminal.
+
+    Parameters
+    ----------
+    summary : Summary
+    scene : Scene
+    said : str
+        What the terminal has said already: why a run has vented does not stand in the table then.
+    """
     shown = Table(title=title_of(scene), show_header=False)
+    is_said = summary.verdict == "vented" and said != "" and summary.reason in said
     for name, value in rows(summary, scene):
-        shown.add_row(name, escape(value))
+        if not (is_said and name in ("reason", "trips")):
+            shown.add_row(name, escape(value))
     return shown
+
+
+def is_short(summary: Summary) -> bool:
+    """Whether a run has ended before its figures mean anything: while the chambers are still filled."""
+    return summary.duration_s < WINDOW_S - MISSING_S
 
 
 def title_of(scene: Scene) -> str:
@@ -299,7 +314,7 @@ def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
             "measured pressures",
             _or_dash(f"{summary.pressure_min_pa / 1e3:.1f} to {summary.pressure_max_pa / 1e3:.1f} kPa"),
         ),
-        ("set points at a bound", _at_bound(summary, last)),
+        *([] if is_short(summary) else [("set points at a bound", _at_bound(summary, last))]),
         ("frames sent / lost", f"{summary.frames_sent} / {summary.frames_lost}"),
         *_timing(summary, scene),
         *shadow_report.rows(summary.shadow),

@@ -11,12 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from soro_core.loop import AT_LIMIT_PART
+from soro_hardware.hil.judge import TRIP_STEPS
 from soro_lab.scene import Scene
-from soro_ros.recordings.causes import AT_LIMIT_PART, end_of_commands, probable_cause
+from soro_ros.recordings.causes import end_of_commands, probable_cause
 from soro_ros.recordings.events import warnings_at
 from soro_ros.recordings.evidence import evidence_of
 from soro_ros.recordings.recording import RunRecording
-from soro_ros.recordings.report import MISSING_S, WINDOW_S, Summary
+from soro_ros.recordings.report import MISSING_S, WINDOW_S, Summary, is_short
 from soro_ros.run.end import End
 
 # Words of a trip by which no command came; those of trips by which nodes or devices are late, with the keys
@@ -106,6 +108,8 @@ def judge(summary: Summary | None, scene: Scene, end: End, recording: RunRecordi
     notes: tuple[str, ...] = ()
     if recording is not None:
         notes = (*(_requested(recording) if end.status == 0 else ()), *_touched(recording))
+    if summary is None or is_short(summary):  # an estimate that has just begun is no finding
+        said = {node: text for node, text in said.items() if "NIS" not in text}
     return replace(found, reason=reason, notes=(*found.notes, *notes, *_notes(said)))
 
 
@@ -115,7 +119,7 @@ def _followed(summary: Summary | None, scene: Scene, recording: RunRecording | N
         return Verdict("good")
     if summary is None:
         return Verdict("good", "not judged: no tip was recorded")
-    if summary.duration_s < WINDOW_S - MISSING_S:  # chambers are still filled, and the load is not known yet
+    if is_short(summary):  # chambers are still filled, and the load is not known yet
         return Verdict("good", notes=(f"too short to be judged: how well it follows takes {WINDOW_S:g} s",))
     last = f"the last {WINDOW_S:g} s"
     limits, length, error = scene.verdict, scene.loaded_robot.length, summary.tip_error_last_rms_m
@@ -211,6 +215,10 @@ def _notes(said: Mapping[str, str]) -> tuple[str, ...]:
 def advice(verdict: Verdict, scene: Scene) -> str:
     """Return what a user can do about a vented run, in one line; empty if that is not known."""
     keys = next((keys for word, keys in _LATE.items() if word in verdict.reason), "")
+    if verdict.word == "vented" and scene.valves == "real":  # no limit is raised beside them
+        step = next((step for word, step in TRIP_STEPS.items() if word in verdict.reason), "")
+        check = f"soro doctor {scene.platform} checks the valves without pressure"
+        return "next: " + ("; ".join((step, check)) if step and not keys else check)
     if scene.mode != "real_time" or scene.faults or not keys:
         return ""
     return (

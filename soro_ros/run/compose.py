@@ -164,7 +164,9 @@ class Run:
         links = self.processes.links.get("" if arm.is_shared else arm.prefix)
         config = arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
         bodies = str(self.folder / "scene_used.yaml") if self.scene.bodies else ""
-        return with_changes(config, bodies_file=bodies)
+        # It cannot know how long a probe takes: the run ends its time then.
+        ends = {"duration_s": 0.0} if self._probes_in_lockstep else {}
+        return with_changes(config, bodies_file=bodies, **ends)
 
     def _regulator(self, one: Scene) -> Strict:
         return one.regulator_node(str(self.processes.links[one.prefix].device) if one.emulates else "")
@@ -183,10 +185,7 @@ class Run:
         for pulse in self.processes.pulses.values():
             pulse.begin(self.scene.duration_s + _BEGIN_S)
         scene = self.scene
-        is_probed = self._loop.commander == "controller" and any(
-            arm.controller.probe_at_enable != "off" for arm in scene.each
-        )
-        if is_probed and scene.mode == "real_time":
+        if scene.mode == "real_time" and self._probes("auto", "refuse", "warn"):
             self._enable(supervisor)
             check = partial(self.check_nodes, supervisor, scene.duration_s)
             self._report("probing the chambers, each alone: some 4 to 10 s")
@@ -199,6 +198,21 @@ class Run:
         if self.scene.arm == "simulated":
             for arm in scene.each:
                 supervisor.call(f"{arm.prefix}twin/start")
+
+    def _probes(self, *settings: str) -> bool:
+        """Whether a controller probes by one of these settings."""
+        each = self.scene.each if self._loop.commander == "controller" else ()
+        return any(arm.controller.probe_at_enable in settings for arm in each)
+
+    @property
+    def _probes_in_lockstep(self) -> bool:
+        return self.scene.mode == "lockstep" and self._probes("refuse", "warn")
+
+    def passed_s(self, supervisor: RunMonitor) -> float:
+        """Time of the run until now, behind a probe [s]: in lockstep that of its clock."""
+        if self.scene.mode == "real_time":
+            return supervisor.controlled_s
+        return supervisor.simulated_s if self._probes_in_lockstep else supervisor.clock_s
 
     def _enable(self, supervisor: RunMonitor) -> None:
         for arm in self.scene.each:
@@ -302,7 +316,10 @@ class Run:
             except SoroError:
                 return
         now_ns = int(supervisor.node.get_clock().now().nanoseconds)
-        begin_ns = round(1e9 * min(supervisor.clock_s, scene.duration_s)) if lockstep else now_ns
+        ended_s = (
+            supervisor.clock_s if self._probes_in_lockstep else min(supervisor.clock_s, scene.duration_s)
+        )
+        begin_ns = round(1e9 * ended_s) if lockstep else now_ns
 
         def goes_on() -> bool:
             """Return whether readings may still come, and nobody asks for the end once more."""

@@ -157,8 +157,8 @@ def watch_time(run: Run, supervisor: RunMonitor, scene: Scene, console: Console)
         while now < scene.duration_s - 1e-9:
             supervisor.spin(ROUND_S)
             run.check_nodes(supervisor, scene.duration_s - now)
-            now = supervisor.clock_s if scene.mode == "lockstep" else supervisor.controlled_s
-            stall.check(now)
+            now = run.passed_s(supervisor)
+            stall.check(supervisor.clock_s if scene.mode == "lockstep" else now)  # a probe has no time
             progress.update(task, completed=min(now, scene.duration_s), description=_line(scene, supervisor))
 
 
@@ -232,7 +232,7 @@ def execute(
                 errors.append(str(failure))
                 is_refused = isinstance(failure, ConfigError) and not run.has_started
                 failed = failure.name if isinstance(failure, NodeError) else ""
-                console.print(f"[red]soro: {escape(str(failure))}[/red]", soft_wrap=True)
+                console.print(f"[red]soro: {escape(without_alike(str(failure)))}[/red]", soft_wrap=True)
             said = supervisor.warnings()
             if interrupted:
                 console.print("interrupted: venting and closing the bag")
@@ -248,3 +248,11 @@ def execute(
     error = errors[0] if errors else ""
     status = 130 if interrupted else 2 if is_refused or run.refused else 1 if errors else 0
     return End(status, error, tuple(run.warnings.values()), run.recording_failure, said, run.has_begun)
+
+
+def without_alike(text: str) -> str:
+    """Return causes apart by semicolons without those whose first word is in the first: chambers alike."""
+    first, *others = text.split("; ")
+    left = [other for other in others if other.partition(":")[0] not in first]
+    alike = len(others) - len(left)
+    return "; ".join((first + (f", and {alike} more like it" if alike else ""), *left))

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from std_srvs.srv import Trigger
 
+from soro_core.errors import SoroError
 from soro_ros.conversion import qos
 from soro_ros.host.services import ServiceCaller
 from soro_ros.run.motion_client import POLL_S, NodeClient
@@ -44,21 +46,36 @@ class Grasper(NodeClient):
 
         Ctrl-C opens the hand.
         """
-        try:
+        with self._interruptible():
             status = self._ask("close") or self._until("holding")
             if status and not self.ended:  # it has fallen silent, but may listen
-                self._ask("open")
+                self._let_go("gives up")
             if status or hold_s is None:
                 return status
             status = self._hold(hold_s)
-        except KeyboardInterrupt:
-            self._ask("open")
-            raise
         return self.open() or status if self.ended not in (LOST, VENTED) else status
 
     def open(self) -> int:
-        """Open the hand; return the exit status 0, 1 or 2."""
-        return self._ask("open") or self._until("open")
+        """Open the hand, also at Ctrl-C; return the exit status 0, 1 or 2."""
+        with self._interruptible():
+            return self._ask("open") or self._until("open")
+
+    @contextlib.contextmanager
+    def _interruptible(self) -> Iterator[None]:
+        try:
+            yield
+        except KeyboardInterrupt:
+            self._let_go("interrupted")
+            raise
+
+    def _let_go(self, why: str) -> None:
+        """Ask the hand to open, wait for its answer, and say what it does now."""
+        try:
+            if self._ask("open") == 0:
+                self._say(f"{why}: the hand opens")
+        except (SoroError, KeyboardInterrupt) as error:
+            found = error or "interrupted again"
+            self._say(f"{why}: {found}: the hand may go on to close or hold: soro grasp open")
 
     def _ask(self, service: str) -> int:
         self._reports.clear()
@@ -70,14 +87,17 @@ class Grasper(NodeClient):
 
     def _until(self, wanted: str) -> int:
         """Wait for a state; return the exit status."""
-        heard_s = time.monotonic()
-        while time.monotonic() - heard_s < self._limit_s:
+        since_s, last = time.monotonic(), ("", "")
+        while time.monotonic() - since_s < self._limit_s:
             for report in self._heard():
-                heard_s = time.monotonic()
                 if report.name in (wanted, LOST, VENTED):
                     self.ended = report.name
                     return 0 if report.name == wanted else 1
-        self._say(f"lost: no report of the hand on {GRASP} for {self._limit_s:g} s")
+                level = next(pair.value for pair in report.values if pair.key == "pressure_pa")
+                if (report.name, level) != last:
+                    since_s, last = time.monotonic(), (report.name, level)
+        found = f"still {last[0]}, its pressures stand" if last[0] else f"no report of the hand on {GRASP}"
+        self._say(f"lost: {found} for {self._limit_s:g} s")
         return 1
 
     def _hold(self, hold_s: float) -> int:

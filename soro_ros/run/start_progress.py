@@ -45,8 +45,8 @@ class StartProgress:
         if done and now_s - self._told_s >= TELL_S and (has_moved or self.is_compiling()):
             self._told_s = now_s
             self._report(
-                f"compiling kernels of the model, once (later runs find them): {done} done in "
-                f"{now_s - self._start_s:.0f} s, {ready} of {of} nodes ready"
+                "compiling kernels of the model, once (some 3 minutes of a free core): "
+                f"{done} done in {now_s - self._start_s:.0f} s, {ready} of {of} nodes ready"
             )
 
     def is_compiling(self) -> bool:

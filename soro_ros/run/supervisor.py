@@ -71,7 +71,9 @@ class RunMonitor:
             for arm in arms
             for topic, kind in ((arm + _COMMAND, JointState), (arm + _DESIRED, PoseStamped))
         }
-        self._first_s: dict[str, float] = {}  # wall time of the first message
+        # Wall time of the first message, and that of /clock.
+        self._first_s: dict[str, float] = {}
+        self._first_clock_s: dict[str, float] = {}
         self._executor = EventsExecutor()
         self._executor.add_node(self.node)
         self.clock_s, self._ticked_s = 0.0, -math.inf
@@ -121,6 +123,12 @@ class RunMonitor:
         """Wall time [s] since the first set point of each controller; 0 before it."""
         first_s = [self._first_s.get(arm + _DESIRED, math.inf) for arm in self._arms]
         return max(0.0, time.monotonic() - max(first_s))
+
+    @property
+    def simulated_s(self) -> float:
+        """Time on /clock since the first set point of each controller [s]; 0 before it."""
+        first_s = [self._first_clock_s.get(arm + _DESIRED, math.inf) for arm in self._arms]
+        return max(0.0, self.clock_s - max(first_s))
 
     def active(self, name: str) -> bool:
         """Whether a node reports that it is active."""
@@ -303,6 +311,7 @@ class RunMonitor:
 
     def _on_first(self, topic: str, message: object) -> None:
         self._first_s.setdefault(topic, time.monotonic())
+        self._first_clock_s.setdefault(topic, self.clock_s)
 
     def _on_clock(self, message: Clock) -> None:
         clock_s = messages.to_ns(message.clock) * 1e-9

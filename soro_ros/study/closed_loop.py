@@ -23,6 +23,7 @@ from soro_core.loop import certainty_of
 from soro_core.robot import Robot
 from soro_core.safety import Limiter
 from soro_core.twin import Observation, Twin, TwinState
+from soro_hardware.timing import rare_collections
 from soro_lab.scene import Scene
 from soro_lab.scene.loop import loop_of
 from soro_ros.recordings.events import Event, NodeStatus
@@ -147,8 +148,9 @@ def run_in_process(scene: Scene, plant: Robot | None = None) -> tuple[RunRecordi
     """
     seen, end = _Recorder(scene), End()
     try:
-        for tick in ticks_of(scene, plant):
-            seen.take(tick)
+        with rare_collections():
+            for tick in ticks_of(scene, plant):
+                seen.take(tick)
     except ConfigError as error:
         end = End(2, str(error))
     except SoroError as error:

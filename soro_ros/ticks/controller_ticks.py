@@ -162,6 +162,7 @@ class ControllerTicks:
         if self.state.probe is not None and anyway:
             self.state = replace(self.state, probe=replace(self.state.probe, lenient=True))
         self._epoch_ns: int | None = None
+        self._probed_ns = 0
         self._last_ns = 0
         self._seen: list[tuple[str, int, np.ndarray]] = []
         self._told: tuple[Learned | None, int] = None, 0
@@ -270,7 +271,7 @@ class ControllerTicks:
     def _tick(
         self, message: JointState, stamp_ns: int, reading: np.ndarray, certainty: Certainty | None
     ) -> None:
-        if self._lockstep and 0 < round(1e9 * self._config.duration_s) < stamp_ns:
+        if self._lockstep and 0 < round(1e9 * self._config.duration_s) < stamp_ns - self._probed_ns:
             self.enabled = False
             self._note("")
         if not self.enabled:
@@ -316,7 +317,8 @@ class ControllerTicks:
             self._ports.fail(probe.refusal)
         if self._lockstep or stamp_ns >= self._zero_ns:
             self._publish(command.setpoint_pa, stamp_ns)
-        if probe is not None:  # the law has not begun
+        if probe is not None:  # the law has not begun, and its time neither
+            self._probed_ns = stamp_ns
             return
         self._report.publish(command, self.state.force.press, stamp_ns)
         tip = self.controller.arm.pose(q, self.controller.robot.length)[:3, 3]

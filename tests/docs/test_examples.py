@@ -27,6 +27,7 @@ PRINTED = {
     "part_to_robot.py": r"largest error of a tip that the fit did not see: [0-6]\.\d %",
     "under_pressure.py": r"30 kPa in chamber 0, 5 g at the tip: x -2\d\.\d\d mm",
     "closed_loop.py": r"0\.99 s  tip error +[01]\.\d\d mm",
+    "another_truth.py": r"tip error  0\.[0-4]\d mm, Tick\(2\.495 s: .*kPa, \d+% of them at a bound",
     "read_a_bag.py": r"839  /track_circle/truth/tip  geometry_msgs/msg/PoseStamped",
 }
 
@@ -42,6 +43,7 @@ ARGUMENTS = {
     "pressures_over_time.py": ("run.png",),
     "thousand_variations.py": ("20",),
     "closed_loop.py": ("1", "loop.png"),
+    "another_truth.py": ("3",),
 }
 SLOW = ("part_to_robot.py",)
 

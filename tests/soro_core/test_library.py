@@ -50,14 +50,19 @@ POD = robot_from_dict(
     }
 )
 
+CHAMBER = {"angle_rad": 0.0, "area_m2": 8e-5, "offset_m": 9e-3}
+RUBBER = {"youngs_modulus": 120e3, "shear_modulus": 40e3}
+ROD = {"length": 0.1, "radius": 0.015, "density": 1070.0, "material": RUBBER, "chambers": [CHAMBER]}
+GOOD = robot_from_dict({"name": "good", "links": [ROD]})
+
 
 @pytest.mark.parametrize(
     "package", ["soro_core", "soro_core.control", "soro_core.estimation", "soro_lab.trade"]
 )
 def test_completion_sees_the_names_before_their_first_use(package):
     module = importlib.import_module(package)
-    assert set(module.__all__) <= set(dir(module))
-    assert "__name__" in dir(module)
+    assert {name for name in dir(module) if not name.startswith("__")} == {*module.__all__} - {"__version__"}
+    assert {"__name__", *module.__all__} <= set(dir(module))
     assert dir(module) == sorted(set(dir(module)))
 
 
@@ -154,7 +159,7 @@ def test_a_value_is_changed_by_its_path():
         "gravity[-1]": ("links[0].k_b[0]",),
         "nothing.at.all": ("the robot", "tip_mass"),
         "links[0].kb[0]": ("links[0]: length", "did you mean k_b?"),
-        "links[0].material.youngs_modulus": ("all of links[0].material",),
+        "links[0].material.youngs_modulus": ("links[0].k_b[0]", "either material, or k_e and k_b"),
         "links[0].strains.bending_x.ordr": ("did you mean order?",),
     }.items():
         with refused(path, names=names) as caught:
@@ -358,6 +363,20 @@ def test_an_equilibrium_beyond_the_range_is_named_once_and_noise_is_none(caplog,
         assert all(text in line for text in ("equilibrium", "link0/chamber1", "0 to 90000 Pa", BELLOW.name))
 
 
+def test_an_arm_that_stands_and_buckles_says_so(caplog):
+    """At rest, where the straight arm balances but does not stay, and where the search fails."""
+    soft = {"links[0].radius": 0.006, "links[0].material": {"youngs_modulus": 3e3, "shear_modulus": 1e3}}
+    arm = SoftArm(GOOD.with_({"name": "standing", **soft}))
+    says = ("standing", "buckles", "unstable", "base_quaternion: [1, 0, 0, 0]", "stable_equilibrium")
+    equilibrium(arm, [0.0])
+    equilibrium(SoftArm(arm.robot.replace(name="hung", base_quaternion=(1.0, 0.0, 0.0, 0.0))), [0.0])
+    (line,) = caplog.messages
+    with fails(ModelError, *says, key="equilibrium"):
+        equilibrium(arm, [5e3])
+    assert all(text in line for text in says)
+    assert np.abs(soro_core.stable_equilibrium(arm, [0.0])[1:]).max() > 1.0
+
+
 @pytest.mark.parametrize("mass", [-0.01, np.nan, np.inf, "10g", None])
 @pytest.mark.parametrize("rest", [equilibrium, stable_equilibrium])
 def test_an_added_mass_that_cannot_be_is_refused(rest, mass):
@@ -381,6 +400,44 @@ def test_a_robot_in_mm_and_g_is_named(caplog):
         for name in SHIPPED:
             load_robot(name)
         assert not [line for line in caplog.messages if "units are" in line]
+
+
+LAWS = {"links[0].material": None, "links[0].k_e": (300.0, 0.0, 1.0), "links[0].k_b": (0.01, 0.0, 1.0)}
+
+
+@pytest.mark.parametrize(
+    ("changes", "key"),
+    [
+        (
+            {"links[0].material": {"youngs_modulus": 0.12, "shear_modulus": 0.04}},
+            "links[0].material.youngs_modulus",
+        ),  # MPa
+        ({"links[0].material.shear_modulus": 0.04}, "links[0].material.shear_modulus"),
+        (LAWS | {"links[0].k_e": (1e-3, 0.0, 1.0)}, "links[0].k_e, k_b"),
+        ({"links[0].length": 6.4}, "links[0]"),  # cm
+        ({"links[0].chambers[0].area_m2": 80.0}, "links[0].chambers[0]"),  # mm^2
+        ({"links[0].chambers[0].offset_m": 9.0}, "links[0].chambers[0]"),  # mm
+        ({"tip_mass": 20.0}, "tip_mass"),  # g
+        ({"pressure_range_pa": (0.0, 90.0)}, "pressure_range_pa"),  # kPa
+    ],
+)
+def test_a_value_in_another_unit_is_named(changes, key, caplog, tmp_path):
+    for robot in (GOOD, GOOD.with_(LAWS), GOOD.with_(changes)):
+        save_robot(robot, tmp_path / "mine.yaml")
+        load_robot(tmp_path / "mine.yaml")
+    (line,) = [line for line in caplog.messages if "units are kg and m, Pa and N" in line]
+    assert f": {key}" in line
+
+
+@pytest.mark.parametrize("material", [{"youngs_modulus": 1e5}, {"youngs_modulus": 1e5, "poisson_ratio": 0.5}])
+def test_a_material_by_poissons_ratio_is_told_the_shear_modulus(material):
+    with pytest.raises(ConfigError, match=r"shear_modulus.* youngs_modulus / .*Poisson's ratio.*rubber"):
+        robot_from_dict({"links": [{**ROD, "material": material}]})
+
+
+def test_a_law_beside_a_material_is_told_what_states_the_stiffness():
+    with refused("links[0].k_b[0]", names=("links[0].material.youngs_modulus", "either material, or")):
+        GOOD.with_({"links[0].k_b[0]": 0.01})
 
 
 MATERIAL = {"youngs_modulus": 180e3, "shear_modulus": 60e3, "viscosity": 100.0}

@@ -118,7 +118,7 @@ def test_three_fingers_hold_a_ball_as_the_library_has_it(domain, tmp_path):
 
 @pytest.mark.process
 def test_a_ball_that_is_too_smooth_is_dropped(domain, tmp_path):
-    ran = grasp(tmp_path, "bodies.ball.friction=0.2", "duration_s=5")  # lost at 4.3 s
+    ran = grasp(tmp_path, "bodies.ball.friction=0.2", "duration_s=5", "platform=")  # lost at 4.3 s
     assert (ran.status, ran.figures["verdict"]) == (1, "lost"), ran.output
     assert ran.figures["reason"] == "bodies: lost: dropped ball"
     assert ran.figures["bodies"]["ball"]["dropped"]
@@ -135,7 +135,31 @@ def test_a_ball_in_its_table_is_refused_before_anything_moves(domain, tmp_path):
 @pytest.mark.process
 def test_a_ball_that_falls_out_of_the_world_ends_the_run_with_the_cause(domain, tmp_path):
     slope = "bodies.floor.quaternion=[0.0, 0.3826834, 0.0, 0.9238795]"  # 45 degrees
-    changes = "bodies.ball.friction=0.0", slope, "duration_s=8"
+    changes = "bodies.ball.friction=0.0", slope, "duration_s=8", "platform="
     ran = grasp(tmp_path, *changes)
     assert (ran.status, ran.figures["verdict"]) == (1, "vented"), ran.output
     assert "body ball has left the world, beyond its reach of 10 m" in ran.figures["reason"]
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(("friction", "is_carried"), [(0.8, True), (0.0, False)])
+def test_two_arms_carry_a_bar_by_friction(domain, tmp_path, friction, is_carried):
+    name = "two_arms_carry_a_bar"
+    changes = "mode=lockstep", "duration_s=5", f"bodies.bar.friction={friction}"
+    status, output, folder = run(tmp_path / "runs", *changes, scene=name)
+    with BagReader(folder / "bag") as reader:
+        topic = f"/{name}/bodies/bar/pose"
+        recorded = Messages(reader, {topic: PoseStamped})
+        poses = [recorded.read(item) for item in reader.messages({topic})]
+    places = np.array(
+        [messages.pose_arrays(one.pose)[0] for one in poses if messages.to_ns(one.header.stamp) < 5e9]
+    )
+    found = summary(folder)["bodies"]["bar"]
+    if not is_carried:
+        assert np.ptp(places[:, 0]) < 0.010 or found["dropped"]
+        return
+    assert (status, summary(folder)["verdict"]) == (0, "good"), output
+    assert not found["dropped"]
+    assert np.ptp(places[:, 0]) > 0.020  # both tips move by 20 mm
+    assert np.abs(places[:, 1]).max() < 2e-3
+    assert np.ptp(places[:, 2]) < 3e-3

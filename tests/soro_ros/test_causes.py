@@ -47,7 +47,7 @@ ROWS = [
         "soro reach",
     ),
     (
-        {"controller": "limit cycle at 3.2 Hz: feedback lowered to 0.5 of its gains", "swing_hz": 3.2},
+        {"controller": "limit cycle at 3.2 Hz: feedback lowered to 0.5 times its gains", "swing_hz": 3.2},
         "limit cycle at 3.2 Hz",
         "probe_at_enable",
     ),
@@ -147,7 +147,7 @@ def along_x(values_mm):
 
 
 SWING = along_x(4.0 * np.sin(4.0 * np.pi * T))
-SWINGS = ("controller", 1, "limit cycle at 2.0 Hz: feedback lowered to 0.5 of its gains")
+SWINGS = ("controller", 1, "limit cycle at 2.0 Hz: feedback lowered to 0.5 times its gains")
 
 
 @pytest.mark.parametrize(

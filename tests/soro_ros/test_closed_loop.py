@@ -116,14 +116,14 @@ TICKS = 301  # 1.5 s at 200 Hz, from 0 on
 
 @pytest.fixture(scope="module")
 def held_up(tmp_path_factory):
-    """The folder of a short run of `set_points` without valves; its recorder stood still half of the time."""
+    """The folder of a short run of `set_points` without valves; its recorder stood still most of the time."""
     folder = tmp_path_factory.mktemp("held_up")
     with own_domain(tmp_path_factory.mktemp("state")):
         clock = ClockListener()
         process = start_run(folder, *SHORT, scene="set_points")
         try:
             # Not longer: a node that says nothing for 8 s ends the run.
-            clock.wait(0.7, COMPILED_S)
+            clock.wait(0.3, COMPILED_S)
             controller, recorder = (
                 child(process.pid, f"nodes.{name}") for name in ("controller", "recorder")
             )

@@ -21,11 +21,11 @@ class Fed:
         self.asked = {name: captured(node, f"{name}/arm/reference/trajectory") for name in FINGERS}
         self.said = captured(node, "hand/grasp")
 
-    def feed(self, ticks, tracked=True):
+    def feed(self, ticks, tracked=True, controls=True):
         for _ in range(ticks):
             self.now_ns += DT_NS
             stamp = messages.to_time(self.now_ns)
-            if tracked:
+            if tracked and self.node._config.tracked:
                 pose = PoseStamped()
                 pose.header.stamp, pose.pose.orientation.w = stamp, 1.0
                 receive(self.node, TRACKED, pose)
@@ -34,7 +34,8 @@ class Fed:
             ):
                 desired = PoseStamped()
                 desired.header.stamp = stamp
-                receive(self.node, f"{name}/arm/desired/tip", desired)
+                if controls:
+                    receive(self.node, f"{name}/arm/desired/tip", desired)
                 still = JointState(name=coordinates, position=np.zeros(len(coordinates)).tolist())
                 empty = messages.chambers(chambers, np.zeros(len(chambers)), self.now_ns)
                 still.header.stamp = stamp
@@ -78,6 +79,34 @@ def test_a_hand_that_hears_nothing_of_its_fingers_lets_go(hand):
     hand.node.diagnose()
     assert hand.said[-1].name == "lost"
     assert max(hand.bends()) < 0.01 * bent
+
+
+def test_a_hand_goes_on_when_the_clock_is_set_back(hand):
+    hand.feed(2)
+    request(hand.node, "hand/close")
+    hand.feed(40)
+    bent, at_s = min(hand.bends()), hand.node._t_s
+    hand.now_ns -= 3_600_000_000_000
+    hand.feed(20)
+    assert min(hand.bends()) > 1.1 * bent
+    assert hand.node._t_s == pytest.approx(at_s + 0.4, abs=0.05)
+    assert not hand.said[-1].message.endswith("nothing tracks the object")
+    # A controller that says nothing since then is known by its age.
+    hand.feed(40, controls=False)
+    assert hand.said[-1].name == "vented"
+
+
+def test_the_time_of_a_hand_in_lockstep_is_that_of_the_clock(domain):
+    """It closes at the same time in whatever order messages come."""
+    fingers = f"fingers:=[{', '.join(FINGERS)}]"
+    with active(HandNode, fingers, "mode:=lockstep", "close_at_s:=1.0") as node:
+        fed = Fed(node)
+        fed.now_ns = 0
+        fed.feed(20, controls=False)
+        fed.feed(29)
+        assert not node._closes
+        fed.feed(1)
+        assert (node._t_s, node._closes) == (1.0, True)
 
 
 def test_a_hand_that_is_deactivated_opens_and_takes_no_part(hand):

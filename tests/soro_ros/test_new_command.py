@@ -1,13 +1,15 @@
 """`soro new`: files of an arm that run at once; wrong use is one line."""
 
+import re
 import shutil
 import signal
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
-from soro_core import load_robot
+from soro_core import SoftArm, load_robot, reachable
 from soro_core.errors import ConfigError
 from soro_lab.scaffold import files
 from soro_lab.scene import check_scene, load_scene
@@ -31,12 +33,15 @@ def test_a_new_arm_runs_at_once_from_another_folder(soro, domain, tmp_path, monk
     """Its error in one process, whose numbers are those of the nodes (`test_closed_loop.py`)."""
     status, out, _ = soro("new", name, *ARMS[name], "--out", str(tmp_path / "made"))
     assert status == 0
-    assert len(out.splitlines()) == 5
+    assert len(out.splitlines()) == 7
+    tip = np.array(re.search(r"soro move to (\S+) (\S+) (\S+)$", out, re.M).groups(), float) / 1e3
     shutil.move(tmp_path / "made", tmp_path / "mine")
     monkeypatch.chdir(tmp_path)
     file = f"mine/{name}_scene.yaml"
     scene = load_scene(file, {"mode": "lockstep", **LOADED.get(name, {})})
     check_scene(scene, file)
+    arm = SoftArm(load_robot(f"mine/{name}_robot.yaml"))
+    assert np.linalg.norm(reachable(arm).tip_m - tip, axis=1).min() < 0.05 * arm.length
     assert tip_error_rms_m(scene, 1.0, 6.0) < 0.02 * load_robot(f"mine/{name}_robot.yaml").length
     if name != "planar":  # nodes of arms of one and of two links: `test_whole_way.py`, `test_closed_loop.py`
         return

@@ -8,6 +8,7 @@ from geometry_msgs.msg import PoseStamped
 from soro_core.config import find_config, read_yaml
 from soro_ros.conversion import messages
 from soro_ros.nodes.controller import ControllerNode
+from soro_ros.recordings.recording import read
 from soro_ros.topics.diagnostics import ERROR
 from tests.soro_ros.direct import active, captured, receive, request
 from tests.soro_ros.running import run
@@ -36,6 +37,20 @@ def test_a_run_in_lockstep_names_swapped_chambers_before_its_law_begins(domain, 
     assert status == 1
     assert f"probe: chambers are swapped: {SWAPPED}" in output
     assert "tip error" not in output  # the law has not moved the tip
+
+
+@pytest.mark.process
+def test_the_time_of_a_run_in_lockstep_begins_behind_its_probe(domain, tmp_path):
+    changes = ("platform=", "mode=lockstep", "duration_s=2", "controller.probe_at_enable=refuse")
+    status, output, folder = run(tmp_path / "runs", *changes)
+    assert status == 0, output
+    recording = read(folder / "bag", "track_circle")
+    under_control_s = recording.wanted_tip.t
+    assert under_control_s[-1] == pytest.approx(2.0, abs=0.02)
+    probed = (recording.command.t < 0.0) & (recording.command.value.max(axis=1) > 0.0)
+    assert np.ptp(recording.command.t[probed]) > 1.0
+    pressed = np.any(recording.reading.value > 5e3, axis=1)
+    assert recording.reading.t[-1] > recording.reading.t[pressed][-1] + 0.1, "recorded until it is empty"
 
 
 def give(node, age_s, pressure_pa=0.0):

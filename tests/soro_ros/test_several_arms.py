@@ -51,14 +51,14 @@ def test_arms_without_valves_share_their_time(domain, tmp_path):
     )
     alone = tmp_path / "alone.yaml"
     alone.write_text("mode: lockstep\nduration_s: 1.0\ncontroller: {reference: {curvature_per_m: 6.0}}\n")
-    _, output, folder = run(tmp_path / "pair", scene=str(scene))
+    _, output, folder = run(tmp_path / "pair", "rate_hz=100", scene=str(scene))
     assert summary(folder)["verdict"] == "good", output
-    _, output, other = run(tmp_path / "alone", scene=str(alone))
+    _, output, other = run(tmp_path / "alone", "rate_hz=100", scene=str(alone))
     assert summary(other)["verdict"] == "good", output
     both, one = payloads(folder / "bag"), payloads(other / "bag")
     for topic in ("truth/state", "truth/chambers", "chambers/state", "arm/covariance"):
         found, wanted = both[f"/pair/right/{topic}"], one[f"/alone/{topic}"]
         ticks = min(len(found), len(wanted))  # time goes on until the last arm is empty
-        assert ticks >= 200
+        assert ticks >= 100
         assert found[:ticks] == wanted[:ticks], topic
         assert len(both[f"/pair/left/{topic}"]) == len(found)

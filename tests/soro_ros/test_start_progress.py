@@ -29,8 +29,8 @@ def test_the_lines_say_what_is_done(compiling, monkeypatch):
     progress.tell(1, 4)
     monkeypatch.setattr(kernels, "compiled", lambda: 6)
     progress.tell(2, 4)
-    words = "compiling kernels of the model, once (later runs find them): 1 done in 0 s, {} of 4 nodes ready"
-    assert lines == [words.format(1), words.format(2)]
+    words = "once (some 3 minutes of a free core): 1 done in 0 s, {} of 4 nodes ready"
+    assert lines == [f"compiling kernels of the model, {words.format(ready)}" for ready in (1, 2)]
 
 
 def test_the_time_of_a_start_does_not_run_while_kernels_are_compiled(domain, compiling):

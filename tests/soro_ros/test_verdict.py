@@ -2,17 +2,19 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 import yaml
 
 from soro_core import load_robot
 from soro_core.config import find_config, read_yaml
 from soro_lab.scene import check_gains, load_scene
-from soro_ros.recordings.events import NodeStatus
-from soro_ros.recordings.recording import EMPTY, RunRecording
-from soro_ros.recordings.report import Summary
-from soro_ros.recordings.verdict import Verdict, advice, judge
+from soro_ros.recordings.events import Event, NodeStatus
+from soro_ros.recordings.recording import EMPTY, RunRecording, TopicSeries
+from soro_ros.recordings.report import Summary, table
+from soro_ros.recordings.verdict import Verdict, advice, judge, with_verdict
 from soro_ros.run.end import End
+from soro_ros.run.execution import without_alike
 from tests.refused import refused, refused_keys
 from tests.soro_ros.running import run, summary
 
@@ -99,8 +101,46 @@ def test_a_run_that_lateness_ended_has_an_advice(reason, keys, key):
     assert ("mode=lockstep" in said) == bool(key)
 
 
+@pytest.mark.parametrize("cause", ["stale_reading: link0/chamber0", "implausible: link0/chamber0"])
+def test_beside_real_valves_no_limit_is_raised(cause):
+    scene = load_scene("track_circle", {"platform": "canopen_socketcan", "valves": "real"})
+    said = advice(Verdict("vented", f"regulator: vented: {cause}"), scene)
+    assert "soro doctor canopen_socketcan" in said
+    assert "allow more" not in said
+    assert ("zero and scale" in said) == cause.startswith("implausible")
+
+
+def test_the_terminal_says_once_why_a_short_run_has_vented():
+    scene = load_scene("track_circle")
+    why = "regulator: vented: leak"
+    nis = (NodeStatus(0.1, "estimator", 1, "NIS 30, expected 6"),)
+    short = replace(GOOD, duration_s=1.8, faults=(why,))
+    recording = RunRecording(EMPTY, EMPTY, EMPTY, EMPTY, EMPTY, EMPTY, {}, (), said=nis)
+    verdict = judge(short, scene, End(1, why), recording)
+    assert verdict.notes == ()
+    names = set(table(with_verdict(short, verdict), scene, why).columns[0].cells)
+    assert {"verdict", "reason", "trips", "set points at a bound"} & names == {"verdict"}
+    late = [f"stale_reading: link0/chamber{k}: no pressure for 50 ms" for k in range(3)]
+    assert (
+        without_alike(f"vented: {'; '.join(late)}; leak: x")
+        == f"vented: {late[0]}, and 2 more like it; leak: x"
+    )
+    assert without_alike("probe: late; state delay_s") == "probe: late; state delay_s"
+
+
 def test_a_run_without_a_recording_is_not_judged():
     assert str(judge(None, load_scene("track_circle"), End())) == "good: not judged: no tip was recorded"
+
+
+@pytest.mark.parametrize(("commands_until_s", "word"), [(19.9, "good"), (19.7, "vented")])
+def test_a_run_that_its_user_vented_is_judged_by_whether_it_went_on(commands_until_s, word):
+    wanted = TopicSeries(np.array([0.0, commands_until_s]), np.zeros((2, 3)))
+    events = (Event(3.0, "vent", "regulator", "vented"), Event(7.0, "vent", "regulator", "vented"))
+    recording = RunRecording(EMPTY, EMPTY, wanted, EMPTY, EMPTY, EMPTY, {}, (), events=events)
+    verdict = judge(GOOD, load_scene("track_circle"), End(), recording)
+    reason = "on request at 7.00 s, and not enabled again" if word == "vented" else ""
+    assert (verdict.word, verdict.reason) == (word, reason)
+    assert verdict.notes == ("vented on request at 3.00 s", "vented on request at 7.00 s")
 
 
 def test_a_run_without_any_command_of_the_law_is_lost_and_says_why():

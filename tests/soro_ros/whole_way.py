@@ -204,6 +204,9 @@ def compare(described: Robot, true: Robot, output: str) -> tuple[tuple[Number, .
     Where the data determine a ratio or a product better than the two numbers, it is one of them.
     """
     known = {name: number.value for name, number in numbers_of(true).items()} | chamber_gains(described, true)
+    # A single branch of creep has either name.
+    slow = {name: name.replace("/slow_", "/creep_") for name in known if "/slow_" in name}
+    known |= {name: known[other] for name, other in slow.items() if not known[name.removesuffix("_tau")]}
     numbers, open_ = [], []
     for line in output.splitlines():
         row = re.match(r"(link\d\S+)\s+(\S+)\s+(\S+)( %)?\s", line)

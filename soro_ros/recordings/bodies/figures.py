@@ -87,7 +87,10 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
         weight_n = math.nan if body.mass is None or body.hinge is not None else body.mass * _GRAVITY
         found[name] = BodyFigures(
             dropped=body.hinge is None and since_s > _LET_GO_S,
-            creep_m_s=_speed(
+            # What an arm holds moves with it.
+            creep_m_s=math.nan
+            if body.attached
+            else _speed(
                 np.array([1e-9 * (stamp - last_ns) for stamp, _ in poses]),
                 np.array([messages.pose_arrays(one.pose)[0] for _, one in poses]),
             ),
@@ -117,7 +120,7 @@ def table_of_bodies(figures: dict[str, BodyFigures]) -> Table:
         shown.add_row(
             name,
             "yes" if one.dropped else "no",
-            f"{1e6 * one.creep_m_s:.3g} um/s",
+            "-" if math.isnan(one.creep_m_s) else f"{1e6 * one.creep_m_s:.3g} um/s",
             "-" if math.isnan(one.weight_balance) else f"{one.weight_balance:.2g}",
             f"{one.largest_normal_n:.3g} N",
         )

@@ -2,6 +2,8 @@
 
 import os
 import threading
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 
@@ -9,6 +11,7 @@ import pytest
 
 from soro_core.errors import ConfigError, SoroError
 from soro_core.jobs import Here, Processes, Threads, executor_of, map_jobs
+from soro_core.jobs.executors import LostWorkerError
 from tests.patience import LIMIT_S
 
 
@@ -111,6 +114,15 @@ def test_the_neighbour_of_a_job_that_ends_processes_is_done(tmp_path, jobs):
     with Processes(2) as executor, pytest.raises(SoroError, match=f"3 times at job {jobs.index(0)}"):
         done.extend(map_jobs(partial(ends_beside, tmp_path), jobs, executor, False))
     assert done == [1]
+
+
+def test_processes_that_cannot_begin_are_named(monkeypatch):
+    def broken(pool, function, *arguments):
+        raise BrokenProcessPool
+
+    monkeypatch.setattr(ProcessPoolExecutor, "submit", broken)
+    with pytest.raises(LostWorkerError, match="worker processes end as they begin"):
+        Processes(2).submit(square, 2).result(timeout=1.0)
 
 
 def test_what_cannot_be_sent_is_one_line(processes):

@@ -180,3 +180,14 @@ def test_the_command_takes_it(tmp_path, monkeypatch):
     more = ("--known-load", "weight=20g", "--known-load", "b=5g", "--known-push", "c=1N,0N,0N")
     CliRunner().invoke(application(), ["identify", *words, *more])
     assert seen == [(["weight=20g", "b=5g"], ["c=1N,0N,0N"])]
+
+
+@pytest.mark.parametrize("option", ["--known-load=air=20g", "--known-push=air=1N,0N,0N"])
+def test_the_air_alone_takes_none(tmp_path, monkeypatch, option):
+    from soro_ros.cli import application
+
+    without_shape = replace(record(GUESS, hold_s=0.1), name="air", plates=())
+    monkeypatch.setattr(command, "_read", lambda *given: [without_shape])
+    words = ("identify", "tue_three_bellow", str(tmp_path), "--out", str(tmp_path / "new.yaml"), option)
+    with refused(*option.split("=", 1)):
+        CliRunner().invoke(application(), words, catch_exceptions=False, standalone_mode=False)

@@ -62,7 +62,7 @@ def test_a_requirement_that_is_not_met(soro):
         (("small.yaml", "--error", "1%", "--rate", "100"), "one requirement"),
         (("small.yaml", "--preset", "huge"), "allowed are quick"),
         (("small.yaml", "--seconds", "-1"), "0.1 s to 600"),
-        (("absent",), "a scene (contact_with_a_wall, "),
+        (("absent",), "a scene (antagonistic_joint, "),
         (("absent.yaml",), "no such file"),
         (("small.yaml", "--jobs", "2", "--dask", "tcp://127.0.0.1:1"), "either"),
     ],

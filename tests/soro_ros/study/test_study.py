@@ -56,12 +56,6 @@ def test_a_row_is_the_run_of_its_values(done):
 
 
 @pytest.mark.slow
-def test_processes_write_the_same_table(done):
-    assert soro("--jobs", "2").exit_code == 0
-    assert table() == done[0]
-
-
-@pytest.mark.slow
 @pytest.mark.process
 @pytest.mark.filterwarnings("default")
 def test_a_cluster_writes_the_same_table(done):
@@ -114,7 +108,7 @@ def test_ctrl_c_keeps_what_is_done_and_the_same_command_goes_on(done):
 
 @pytest.mark.slow
 @pytest.mark.process
-def test_a_killed_worker_loses_nothing(done):
+def test_processes_write_the_same_table_and_a_killed_one_loses_nothing(done):
     process = started("--jobs", "2")
     wait_for_rows(process, 1)
     os.kill(child(process.pid, "spawn_main"), signal.SIGKILL)

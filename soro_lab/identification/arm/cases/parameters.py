@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from soro_core.errors import ModelError
-from soro_core.robot import Link, Robot, link_stiffness
-from soro_core.robot.parts import fields
+from soro_core.robot import Chamber, Link, Robot, link_stiffness
+from soro_core.robot.parts import fields, scaled_chamber
 
 # A law that a robot does not use yet starts with these: tanh saturates within usual strains.
 _RATES = {"e": 45.0, "b": 3.0}
@@ -165,15 +165,14 @@ def _changed(link: Link, n: Mapping[str, float]) -> dict[str, Any]:
                 "stiffness": tuple(n[f"dahl_{key}"] * rest for key, rest in of),
             }
         ]
-    part["chambers"] = [_chamber(fields(c), n, j) for j, c in enumerate(link.chambers)]
+    part["chambers"] = [_chamber(c, n, j) for j, c in enumerate(link.chambers)]
     return part
 
 
-def _chamber(keys: dict[str, Any], n: Mapping[str, float], j: int) -> dict[str, Any]:
+def _chamber(chamber: Chamber, n: Mapping[str, float], j: int) -> dict[str, Any]:
     gain, arm = (n[key] * (n[f"chamber{j}/{key}"] if j else 1.0) for key in ("gain", "arm"))
-    factors = {"area_m2": gain, "offset_m": arm, "alpha_eps": gain, "alpha_kappa": gain * arm}
-    changed = {k: v * factors.get(k, 1.0) if isinstance(v, float) else v for k, v in keys.items()}
-    if keys.get("alpha_eps", 1.0):
+    changed = scaled_chamber(chamber, gain, arm)
+    if chamber.alpha_eps != 0.0 and chamber.muscle is None:
         changed["area_slope"] = n["area_slope"]
     changed["area_saturation"] = n["area_saturation"] if changed.get("area_slope") else 0.0
     changed["dead_band_pa"], changed["swell_per_pa"] = n["dead_band"], n["swell"]

@@ -16,7 +16,7 @@ from soro_core.robot import Robot
 
 TITLE = "Wrist exoskeleton"
 WRIST = Hinge(point=(0.0, 0.0, 0.0), axis=(0.0, 1.0, 0.0), limits_rad=(-0.9, 0.9), damping=5e-3)
-MASSES_KG = (0.3, 0.4, 0.5)
+MASSES_KG, CENTRE_M = (0.3, 0.4, 0.5), 0.09
 # The wearer: relaxed for 3 s, then 30 degrees to and fro at 0.5 Hz, as a stiff arm would; judged from 5 s on.
 RELAXED_S, BEGIN_S, END_S = 3.0, 5.0, 11.0
 SWING_RAD, RATE_HZ, WEARER = math.radians(30.0), 0.5, (8.0, 0.4)
@@ -30,19 +30,19 @@ def run(options: Options) -> str:
     robot = load_robot("wrist_muscle")
     moments = limb_moments(SoftArm(robot), WRIST, np.linspace(-0.8, 0.8, 33))
     rows = []
+    alone = {mass: wearers_torque(mass, None, moments)[0] for mass in MASSES_KG}
     for name, stiffness, gain in TRUTHS[: 1 if options.quick else None]:
         true = robot.scaled(stiffness=stiffness, gain=gain)
-        for mass in MASSES_KG:
+        for mass, without in alone.items():
             with_arm, weight = wearers_torque(mass, true, moments)
-            without, _ = wearers_torque(mass, None, moments)
-            actual = 9.81 * mass * 0.09
+            actual = 9.81 * mass * CENTRE_M
             values = (1e3 * mass, -1e3 * weight, 1e3 * actual, 1e3 * without, 1e3 * with_arm)
             rows.append((name, *map(figure, values), figure(100.0 * with_arm / without)))
     heads = (
         "muscle",
         "hand, g",
-        "weight learned, mN m",
-        "true",
+        "moment of the weight by the model, mN m",
+        "true one",
         "wearer alone, mN m",
         "with muscle",
         "left, %",
@@ -58,9 +58,9 @@ def run(options: Options) -> str:
 def wearers_torque(mass: float, robot: Robot | None, moments: LimbMoments) -> tuple[float, float]:
     """Return the torque of the wearer [N m RMS], alone where there is no robot, and the learned weight."""
     hand = RigidBody(
-        shape=BoxShape(size=(0.18, 0.08, 0.03)),
+        shape=BoxShape(size=(2.0 * CENTRE_M, 0.08, 0.03)),
         mass=mass,
-        position=(0.09, 0.0, 0.0),
+        position=(CENTRE_M, 0.0, 0.0),
         hinge=WRIST,
         attached=None if robot is None else Attachment(),
     )
@@ -77,7 +77,7 @@ def wearers_torque(mass: float, robot: Robot | None, moments: LimbMoments) -> tu
             measured = angle + ENCODER_RAD * noise.standard_normal()
             learned, setpoint = law.step(learned, measured, rate, pressure, TICK_S)
         before, pressure = pressure, pressure + (setpoint - pressure) * (1.0 - math.exp(-TICK_S / LAG_S))
-        # Without a muscle nobody is relaxed: the hand would fall.
+        # Without a muscle the wearer holds the hand from the begin: relaxed, it would fall.
         torque = 0.0 if robot is not None and t < RELAXED_S else wearer(t - RELAXED_S, angle, rate)
         pressures = {} if robot is None else {"muscle": [[before], [pressure]]}
         result = stepper.step(state, pressures, TICK_S, t, {"hand": [0.0, torque, 0.0, 0.0, 0.0, 0.0]})

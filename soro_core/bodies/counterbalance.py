@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array
 from soro_core.bodies.body import Hinge
-from soro_core.errors import ModelError
+from soro_core.errors import ModelError, short
 from soro_core.model import SoftArm
 from soro_core.rotation import rotation_exp
 
@@ -26,6 +26,8 @@ _ITERATIONS, _SETTLED = 50, 1e-12
 _MISS_M = 1e-4
 # Part of its moment that a weight must have where it is learned.
 _LEAST_LEAN = 0.3
+# The part of the time of weighing that counts, its last third: the limb is at rest then.
+_COUNTS = 1.0 / 3.0
 
 
 @dataclass(frozen=True)
@@ -68,10 +70,15 @@ def limb_moments(arm: SoftArm, hinge: Hinge, angles_rad: ArrayLike) -> LimbMomen
     Raises
     ------
     ModelError
-        If the arm has more chambers, or cannot follow the limb to an angle.
+        If the arm has more chambers, or one whose area grows with pressure; if its shape does not follow from
+        its tip; or if it cannot follow the limb to an angle.
     """
     if arm.n_u != 1:
         raise ModelError(f"{arm.robot.name}: {arm.n_u} chambers; allowed: one", "chambers")
+    (chamber,) = (one for link in arm.robot.links for one in link.chambers)
+    if chamber.dead_band_pa or chamber.swell_per_pa:
+        text = "dead_band_pa and swell_per_pa make its moment no line over pressure; allowed: 0"
+        raise ModelError(f"{arm.robot.name}: {text}", "chambers")
     axis = np.array(hinge.axis) / math.hypot(*hinge.axis)
     angles = np.atleast_1d(np.asarray(angles_rad, dtype=np.float64))
     start = arm.pose(np.zeros(arm.n_q), arm.length)[:3, 3] - hinge.point
@@ -85,6 +92,12 @@ def limb_moments(arm: SoftArm, hinge: Hinge, angles_rad: ArrayLike) -> LimbMomen
         shapes[k] = q = _follow(arm, q, hinge.point + lever, angles[k])
         pose, body = arm.pose_and_jacobian(q, arm.length)
         J = pose[:3, :3] @ body[3:]
+        if np.linalg.matrix_rank(J, 1e-9) < arm.n_q:
+            raise ModelError(
+                f"{arm.robot.name}: {arm.n_q} coordinates do not follow from the tip; allowed: as many as "
+                "it has directions",
+                "strains",
+            )
         inner = -arm.elastic_force(q) - arm.gravity_force(q)
         for row, force in zip(rows, (inner, arm.actuation_matrix(q)[:, 0]), strict=True):
             row[k] = axis @ np.cross(lever, np.linalg.lstsq(J.T, force, rcond=1e-9)[0])
@@ -118,28 +131,53 @@ class CounterbalanceSettings:
         Time until the weight is frozen [s]; its last third counts.
     start_pa : float
         Pressure at the start [Pa].
-    per_rad_pa, per_rad_s_pa, per_rate_pa : float
-        Pressure by the angle [Pa/rad], its integral [Pa/(rad s)] and its rate [Pa s/rad].
+    stiffness, integral, damping : float
+        Moment that holds the limb level, by the angle [N m/rad], its integral [N m/(rad s)], and its rate
+        [N m s/rad].
+    still_rad : float
+        How far the limb may move while its weight is taken [rad].
     """
 
     weigh_s: float = 3.0
     start_pa: float = 35e3
-    per_rad_pa: float = 40e3
-    per_rad_s_pa: float = 120e3
-    per_rate_pa: float = 8e3
+    stiffness: float = 0.33
+    integral: float = 1.0
+    damping: float = 0.067
+    still_rad: float = 0.05
+
+    def __post_init__(self) -> None:
+        for field in fields(self):
+            if not 0.0 <= (value := getattr(self, field.name)) < math.inf:
+                raise ModelError(f"{field.name}: got {short(value)}; allowed: 0 or above", field.name)
 
 
 @dataclass(frozen=True)
 class CounterbalanceState:
-    """Time [s], integral of the angle [rad s], and the weight's moment at the hinge's angle 0 [N m].
+    """What has been seen of the limb so far.
 
-    `weight` is the mean of `samples` values so far, and frozen when it has been weighed.
+    Attributes
+    ----------
+    t_s : float
+        Time [s].
+    integral : float
+        Of the angle from level, while the limb is weighed [rad s].
+    weight : float
+        The weight's moment where the limb is level, the mean of `samples` values [N m]; frozen when it has
+        been weighed.
+    samples : int
+    least_rad, most_rad : float
+        Angles between which the limb was meanwhile [rad].
+    bound_pa : float
+        The bound at which a set point was meanwhile [Pa]; NaN where none was.
     """
 
     t_s: float = 0.0
     integral: float = 0.0
     weight: float = 0.0
     samples: int = 0
+    least_rad: float = math.inf
+    most_rad: float = -math.inf
+    bound_pa: float = math.nan
 
 
 @dataclass(frozen=True)
@@ -149,17 +187,32 @@ class Counterbalance:
     Attributes
     ----------
     moments : LimbMoments
+        Pressure must turn the limb to the same side at each angle.
     range_pa : (low, high)
         Set points stay within [Pa].
     level_rad : float
-        Angle at which the weight has its largest moment: the limb is level there.
+        Angle at which the weight has its largest moment: the limb is level there, and is weighed there.
     settings : CounterbalanceSettings
+
+    Raises
+    ------
+    ModelError
+        If moments or range are not as stated.
     """
 
     moments: LimbMoments
     range_pa: Sequence[float]
     level_rad: float = 0.0
     settings: CounterbalanceSettings = CounterbalanceSettings()
+
+    def __post_init__(self) -> None:
+        per_pa = self.moments.per_pa
+        if not (np.all(per_pa > 0.0) or np.all(per_pa < 0.0)):
+            text = f"{per_pa.min():.3g} to {per_pa.max():.3g} N m/Pa"
+            raise ModelError(f"moments.per_pa: {text}; allowed: all above 0 or all below", "moments")
+        low, high = self.range_pa
+        if not -math.inf < low < high < math.inf:
+            raise ModelError(f"range_pa: got {low:g} to {high:g} Pa; allowed: from low to high", "range_pa")
 
     def step(
         self, state: CounterbalanceState, angle_rad: float, rate_rad_s: float, pressure_pa: float, dt: float
@@ -179,27 +232,73 @@ class Counterbalance:
         Raises
         ------
         ModelError
-            If a measured value is not finite, or the limb is too far from level to be weighed.
+            If a measured value is not finite or dt not above 0; while the limb is weighed, if it is too far
+            from level; at the end of that, if it was not at rest or a set point was at a bound. No weight is
+            known then: vent.
         """
         if not (math.isfinite(angle_rad) and math.isfinite(rate_rad_s) and math.isfinite(pressure_pa)):
             raise ModelError("counterbalance: a measured value is not finite", "measured")
-        hold, (without, per_pa) = self.settings, self.moments.at(angle_rad)
-        lean = math.cos(angle_rad - self.level_rad)
+        if not 0.0 < dt < math.inf:
+            raise ModelError(f"counterbalance: dt = {short(dt)} s; allowed: above 0", "dt")
+        (without, per_pa), lean = self.moments.at(angle_rad), math.cos(angle_rad - self.level_rad)
+        is_weighed = state.t_s >= self.settings.weigh_s
         state = replace(state, t_s=state.t_s + dt)
-        if state.t_s < hold.weigh_s:
-            if lean < _LEAST_LEAN:
-                raise ModelError(
-                    f"counterbalance: the limb is at {angle_rad:.3g} rad; allowed while weighed: within "
-                    f"{math.acos(_LEAST_LEAN):.3g} rad of level",
-                    "angle",
-                )
-            state = replace(state, integral=state.integral + dt * angle_rad)
-            wanted = hold.start_pa + hold.per_rad_pa * angle_rad + hold.per_rate_pa * rate_rad_s
-            wanted += hold.per_rad_s_pa * state.integral
-            if state.t_s > hold.weigh_s * 2.0 / 3.0:
-                found, n = (without + per_pa * pressure_pa) / lean, state.samples + 1
-                state = replace(state, weight=state.weight + (found - state.weight) / n, samples=n)
-        else:
-            wanted = (state.weight * lean - without) / per_pa
+        if state.t_s < self.settings.weigh_s:
+            found = (without + per_pa * pressure_pa) / max(lean, _LEAST_LEAN)
+            return self._weigh(state, (angle_rad, rate_rad_s), found, per_pa, dt)
+        if not is_weighed:
+            self._refuse_moved(state)
+        return state, self._within((state.weight * lean - without) / per_pa)
+
+    def _weigh(
+        self, state: CounterbalanceState, limb: tuple[float, float], found: float, per_pa: float, dt: float
+    ) -> tuple[CounterbalanceState, float]:
+        """Hold the limb level, and take the mean of the moments that hold it."""
+        hold, (angle, rate) = self.settings, limb
+        away = angle - self.level_rad
+        if math.cos(away) < _LEAST_LEAN:
+            raise ModelError(
+                f"counterbalance: the limb is at {angle:.3g} rad; allowed while weighed: within "
+                f"{math.acos(_LEAST_LEAN):.3g} rad of level",
+                "angle",
+            )
+        integral = state.integral + dt * away
+        back = hold.stiffness * away + hold.integral * integral + hold.damping * rate
+        wanted = hold.start_pa - back / per_pa
+        setpoint = self._within(wanted)
+        # An integral that goes on where the set point cannot follow would throw the limb later.
+        if setpoint == wanted or away * (wanted - setpoint) * per_pa > 0.0:
+            state = replace(state, integral=integral)
+        if state.t_s > hold.weigh_s * (1.0 - _COUNTS):
+            n = state.samples + 1
+            state = replace(
+                state,
+                weight=state.weight + (found - state.weight) / n,
+                samples=n,
+                least_rad=min(state.least_rad, angle),
+                most_rad=max(state.most_rad, angle),
+                bound_pa=state.bound_pa if setpoint == wanted else setpoint,
+            )
+        return state, setpoint
+
+    def _refuse_moved(self, state: CounterbalanceState) -> None:
+        """Refuse a weight that the moment of the arm is not."""
+        if not state.samples:
+            raise ModelError("counterbalance: nothing was measured while the limb was weighed", "dt")
+        if not math.isnan(state.bound_pa):
+            low, high = self.range_pa
+            raise ModelError(
+                f"counterbalance: while the limb was weighed, a set point was at {1e-3 * state.bound_pa:.4g} "
+                f"kPa, its bound; allowed: weights that {1e-3 * low:g} to {1e-3 * high:g} kPa hold",
+                "range_pa",
+            )
+        if (moved := state.most_rad - state.least_rad) > self.settings.still_rad:
+            raise ModelError(
+                f"counterbalance: the limb moved by {moved:.3g} rad while it was weighed; allowed: "
+                f"{self.settings.still_rad:g} rad",
+                "still_rad",
+            )
+
+    def _within(self, pressure_pa: float) -> float:
         low, high = self.range_pa
-        return state, min(max(wanted, low), high)
+        return min(max(pressure_pa, low), high)

@@ -113,6 +113,8 @@ class Robot(Strict):
         if not -101325.0 <= value[0] < value[1]:
             raise ValueError("[lowest, highest] with -101325 <= lowest < highest")
         chambers = [c for link in info.data.get("links", ()) for c in link.chambers]
+        if value[0] < 0.0 and any(c.muscle for c in chambers):
+            raise ValueError("pressures from 0 on: a muscle that is sucked empty pulls at nothing")
         burst = min((c.burst_pa for c in chambers), default=float("inf"))
         if max(abs(value[0]), value[1]) >= burst:
             raise ValueError(f"pressures below {burst:.6g} Pa, where dead_band_pa and swell_per_pa end")

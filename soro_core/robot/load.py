@@ -240,7 +240,7 @@ def _odd(robot: Robot) -> Iterator[tuple[str, str, str]]:
         for j, chamber in enumerate(link.chambers):
             area = chamber.area_m2 or (chamber.alpha_eps or 0.0) / link.length
             if chamber.muscle is not None:
-                area = chamber.muscle.section_m2
+                area = -chamber.muscle.area_m2
             if area > _WIDEST * section or (chamber.offset_m or 0.0) > _WIDEST * link.radius:
                 allowed = f"an area and an offset of {_WIDEST:g} times the section and the radius of the link"
                 yield f"{key}.chambers[{j}]", f"{chamber.model_dump(exclude_unset=True)}", allowed

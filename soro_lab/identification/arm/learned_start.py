@@ -63,5 +63,6 @@ def with_learned(robot: Robot, kept: KeptNumbers, where: str = "learned") -> Rob
             values[f"{name}/gain"] = gains[0]
             values |= {f"{name}/chamber{j}/gain": gains[j] / gains[0] for j in range(1, len(gains))}
             slope = f"{name}/area_slope"
-            values[slope] = present[slope].value + learned[slope]
+            if slope in present:  # a muscle has none: the law of its braid is kept
+                values[slope] = present[slope].value + learned[slope]
     return with_numbers(robot, values)

@@ -7,8 +7,16 @@ import pytest
 
 from soro_core import SoftArm, load_robot
 from soro_core.bodies import Attachment, BodyWorld, BoxShape, Hinge, RigidBody, simulate_world
-from soro_core.bodies.counterbalance import Counterbalance, CounterbalanceState, LimbMoments, limb_moments
+from soro_core.bodies.counterbalance import (
+    Counterbalance,
+    CounterbalanceSettings,
+    CounterbalanceState,
+    LimbMoments,
+    limb_moments,
+)
 from soro_core.errors import ModelError
+from soro_core.model.discretised import discretised
+from soro_core.robot import Discretisation
 
 WRIST = Hinge(point=(0.0, 0.0, 0.0), axis=(0.0, 1.0, 0.0), stiffness=1.0, damping=0.05)
 MUSCLE = SoftArm(load_robot("wrist_muscle"))
@@ -64,6 +72,69 @@ def test_set_points_stay_in_their_range():
         assert setpoint == expected
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_hold_brings_a_limb_level_whichever_way_pressure_turns_it(side):
+    """A limb of 4 g m2 and 0.35 N m, which the moment of the arm turns."""
+    law = Counterbalance(LimbMoments(PLAIN.angle_rad, np.zeros(2), side * np.full(2, 1e-5)), (0.0, 3e5), 0.1)
+    state, angle, rate, pressure, dt = CounterbalanceState(), 0.4, 0.0, 0.0, 2e-3
+    for _ in range(round(3.5 / dt)):
+        state, pressure = law.step(state, angle, rate, pressure, dt)
+        moment = side * 1e-5 * pressure - side * 0.35 * math.cos(angle - 0.1)
+        rate += dt * moment / 4e-3
+        angle += dt * rate
+    assert state.weight == pytest.approx(side * 0.35, rel=5e-3)
+    assert angle == pytest.approx(0.1, abs=0.02)
+
+
+def test_the_hold_does_not_wind_up_at_a_bound():
+    law, state = Counterbalance(PLAIN, (0.0, 40e3)), CounterbalanceState()
+    for _ in range(150):
+        state, setpoint = law.step(state, 0.3, 0.0, 40e3, 0.01)
+    assert setpoint == 40e3
+    assert state.integral == 0.0
+    _, setpoint = law.step(state, -0.1, 0.0, 40e3, 0.01)
+    assert setpoint < 40e3
+
+
+@pytest.mark.parametrize(
+    ("law", "angles", "match"),
+    [
+        (Counterbalance(PLAIN, (0.0, 30e3)), [0.0], "at 30 kPa, its bound"),
+        (Counterbalance(PLAIN, (0.0, 3e5)), [-0.05, 0.05], "moved by 0.1 rad"),
+    ],
+)
+def test_a_weight_that_the_arm_did_not_hold_is_refused(law, angles, match):
+    state = CounterbalanceState()
+    for k in range(299):
+        state, _ = law.step(state, angles[k % len(angles)], 0.0, 40e3, 0.01)
+    for _ in range(2):  # again and again, because the state is that of before
+        with pytest.raises(ModelError, match=match):
+            law.step(state, 0.0, 0.0, 40e3, 0.02)
+
+
+def test_nothing_measured_is_no_weight():
+    law = Counterbalance(PLAIN, (0.0, 3e5))
+    state, _ = law.step(CounterbalanceState(), 0.0, 0.0, 0.0, 1.0)
+    with pytest.raises(ModelError, match="nothing was measured"):
+        law.step(state, 0.0, 0.0, 0.0, 3.0)
+
+
+@pytest.mark.parametrize("dt", [0.0, -0.01, math.nan, math.inf])
+def test_times_that_are_none_are_refused(dt):
+    with pytest.raises(ModelError, match="dt = "):
+        Counterbalance(PLAIN, (0.0, 3e5)).step(CounterbalanceState(), 0.0, 0.0, 0.0, dt)
+
+
+def test_moments_and_ranges_of_no_use_are_refused():
+    for per_pa in ([-1e-5, 1e-5], [-1e-5, 0.0], [math.nan, -1e-5]):
+        with pytest.raises(ModelError, match="all above 0 or all below"):
+            Counterbalance(LimbMoments(PLAIN.angle_rad, np.zeros(2), np.array(per_pa)), (0.0, 3e5))
+    with pytest.raises(ModelError, match="from low to high"):
+        Counterbalance(PLAIN, (3e5, 0.0))
+    with pytest.raises(ModelError, match="stiffness: got nan"):
+        CounterbalanceSettings(stiffness=math.nan)
+
+
 @pytest.mark.parametrize("values", [(math.nan, 0.0, 0.0), (0.0, math.inf, 0.0), (0.0, 0.0, math.nan)])
 def test_what_is_not_finite_is_refused_before_it_is_limited(values):
     with pytest.raises(ModelError, match="not finite"):
@@ -80,5 +151,12 @@ def test_arms_that_cannot_be_used_are_refused():
         limb_moments(SoftArm(load_robot("tue_three_bellow")), WRIST, [0.0])
     link = MUSCLE.robot.links[0].model_dump(exclude={"least_elongation"}, exclude_none=True)
     joint = SoftArm(MUSCLE.robot.replace(links=[{**link, "strains": {"bending_x": {}}, "damping": [1e-5]}]))
+    refined = discretised(MUSCLE.robot, Discretisation(links=2))
+    with pytest.raises(ModelError, match="do not follow from the tip"):
+        limb_moments(refined, WRIST, [0.0])
+    chamber = {"angle_rad": 0.0, "offset_m": 0.0, "area_m2": 1e-4, "dead_band_pa": 1e3}
+    swelling = SoftArm(MUSCLE.robot.replace(links=[{**link, "chambers": [chamber]}]))
+    with pytest.raises(ModelError, match="no line over pressure"):
+        limb_moments(swelling, WRIST, [0.0])
     with pytest.raises(ModelError, match="cannot follow the limb"):
         limb_moments(joint, WRIST, [0.0, 0.5])

@@ -24,21 +24,25 @@ def arm_with(field=FIELDS[1], slope=3.0, **keys):
     return SoftArm(plain.replace(links=[{**link.model_dump(exclude_none=True), "chambers": chambers}]))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field["basis"])
-@pytest.mark.parametrize(("slope", "saturation"), [(4.0, 0.4), (-4.0, 0.05), (20.0, 0.9)])
-def test_volume_force_and_stiffness_of_a_bounded_area_are_derivatives(field, slope, saturation):
-    arm = arm_with(field, slope, area_saturation=saturation)
+def check_derivatives(arm, pressure):
+    """Actuation matrix and stiffness by pressure are derivatives of the volumes, by differences."""
     q = state(arm)
     H = arm.actuation_matrix(q)
     scale = np.abs(H).max(axis=1)[:, None]
     np.testing.assert_allclose(differences(arm.displaced_volume, q) / scale, H / scale, atol=1e-7)
     K = np.zeros((arm.n_q, arm.n_q))
-    pressure_stiffness(arm.tables, q, PRESSURE, K)
-    slopes = -differences(lambda x: arm.actuation_matrix(x) @ PRESSURE, q)
+    pressure_stiffness(arm.tables, q, pressure, K)
+    slopes = -differences(lambda x: arm.actuation_matrix(x) @ pressure, q)
     weight = np.sqrt(np.abs(np.diag(arm.stiffness_matrix(q))))
     each = np.outer(weight, weight)
     np.testing.assert_allclose(K / each, slopes / each, atol=1e-7 * np.abs(K / each).max())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("field", FIELDS, ids=lambda field: field["basis"])
+@pytest.mark.parametrize(("slope", "saturation"), [(4.0, 0.4), (-4.0, 0.05), (20.0, 0.9)])
+def test_volume_force_and_stiffness_of_a_bounded_area_are_derivatives(field, slope, saturation):
+    check_derivatives(arm_with(field, slope, area_saturation=saturation), PRESSURE)
 
 
 def growth(arm, strain):

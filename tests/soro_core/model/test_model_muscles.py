@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from test_model_area import FIELDS
-from test_model_chambers import differences, pressure_stiffness, robot, state
+from test_model_area import FIELDS, check_derivatives
+from test_model_chambers import robot
 
 from soro_core import SoftArm, load_robot
 from soro_core.errors import ConfigError
@@ -13,6 +13,8 @@ from soro_core.integrate import simulate
 from soro_core.integrate.air import chamber_volumes
 from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.pneumatics import ValveModel
+from soro_core.robot.load import robot_from_dict
+from soro_core.robot.parts import fields
 
 RADIUS, ANGLE = 0.006, 0.42
 PRESSURE = np.array([1.5e5, 0.4e5, 0.9e5])
@@ -59,17 +61,7 @@ def test_a_muscle_shortens_until_its_braid_locks():
 
 @pytest.mark.parametrize("field", FIELDS, ids=lambda field: field["basis"])
 def test_volume_force_and_stiffness_of_a_muscle_are_derivatives(field):
-    arm = muscles(field)
-    q = state(arm)
-    H = arm.actuation_matrix(q)
-    scale = np.abs(H).max(axis=1)[:, None]
-    np.testing.assert_allclose(differences(arm.displaced_volume, q) / scale, H / scale, atol=1e-7)
-    K = np.zeros((arm.n_q, arm.n_q))
-    pressure_stiffness(arm.tables, q, PRESSURE, K)
-    slopes = -differences(lambda x: arm.actuation_matrix(x) @ PRESSURE, q)
-    weight = np.sqrt(np.abs(np.diag(arm.stiffness_matrix(q))))
-    each = np.outer(weight, weight)
-    np.testing.assert_allclose(K / each, slopes / each, atol=1e-7 * np.abs(K / each).max())
+    check_derivatives(muscles(field), PRESSURE)
 
 
 def test_two_muscles_turn_a_joint_and_stiffen_it_together():
@@ -143,3 +135,25 @@ def test_what_contradicts_a_muscle_is_refused(keys, said):
     with pytest.raises(ConfigError, match=said) as caught:
         muscles().robot.with_({f"links[0].chambers[0].{key}": value for key, value in keys.items()})
     assert "\n" not in str(caught.value)
+
+
+def test_a_muscle_has_no_pressure_below_that_of_the_air():
+    with pytest.raises(ConfigError, match="pressures from 0 on"):
+        muscles().robot.replace(pressure_range_pa=(-1e4, 3e5))
+
+
+def test_a_pull_that_no_arm_bears_is_warned_of(caplog):
+    """A braid along its line pulls at a thousand times its section."""
+    robot = muscles().robot
+    odd = robot.replace(links=[{**fields(link), "chambers": _braided(link, 0.05)} for link in robot.links])
+    robot_from_dict(odd.model_dump(exclude_unset=True))
+    assert "links[0].chambers[0]" in caplog.text
+    caplog.clear()
+    robot_from_dict(robot.model_dump(exclude_unset=True))
+    assert "chambers" not in caplog.text
+
+
+def _braided(link, angle):
+    return [
+        {**fields(one), "muscle": {"radius_m": RADIUS, "braid_angle_rad": angle}} for one in link.chambers
+    ]

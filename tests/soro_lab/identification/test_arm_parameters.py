@@ -64,13 +64,14 @@ def test_numbers_of_a_chamber_reach_all_chambers_of_the_link() -> None:
 
 def test_the_force_of_a_muscle_is_scaled_by_its_section() -> None:
     robot = load_robot("antagonistic_joint")
-    changed = with_numbers(robot, {"link0/gain": 1.21, "link0/chamber1/arm": 0.9, "link0/area_slope": 3.0})
+    changed = with_numbers(robot, {"link0/gain": 1.21, "link0/chamber1/arm": 0.9})
     before, after = robot.links[0].chambers, changed.links[0].chambers
     assert [
         a.muscle.radius_m / b.muscle.radius_m for a, b in zip(after, before, strict=True)
     ] == pytest.approx([1.1, 1.1])
     assert after[1].offset_m == pytest.approx(0.9 * before[1].offset_m)
-    assert {chamber.area_slope for chamber in after} == {0.0}
+    # The braid says how the pull changes: there is no slope to search.
+    assert not {"link0/area_slope", "link0/area_saturation"} & numbers_of(robot).keys()
 
 
 def test_slow_creep_alone_stays_slow_creep() -> None:

@@ -43,6 +43,16 @@ def test_gains_slopes_and_stiffness_are_the_learned_ones():
     assert found.tip_mass == ROBOT.tip_mass
 
 
+def test_muscles_take_gains_and_no_slope():
+    """The law of a braid has none."""
+    robot = load_robot("antagonistic_joint")
+    numbers = {"link0/chamber0/gain": (0.21, 0.01), "link0/area_slope": (2.0, 0.5)}
+    found = with_learned(robot, kept(robot=robot.name, digest=digest_of(robot), numbers=numbers))
+    (was, other), (now, still) = robot.links[0].chambers, found.links[0].chambers
+    assert now.muscle.radius_m == pytest.approx(1.1 * was.muscle.radius_m)
+    assert still.muscle.radius_m == pytest.approx(other.muscle.radius_m)
+
+
 @pytest.mark.parametrize("name", ["tue_three_bellow", "asu_two_segment"])
 def test_the_damping_is_the_learned_one(name):
     """As the law has it: beside the file's, a retardation time on the stiffness at rest."""

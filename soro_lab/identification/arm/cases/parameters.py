@@ -123,9 +123,10 @@ def _of_link(robot: Robot, link: Link, name: str) -> Iterator[ArmParameter]:
         slope = next((c.area_slope for c in link.chambers if c.area_slope), 0.0)
         yield factor("gain", 1.0, "of the file", 1.0)
         yield factor("arm", 1.0, "of the file", 0.3)
-        yield ArmParameter(f"{name}/area_slope", slope, "1", "shift", 5.0, -50.0, 50.0)
-        saturation = max(c.area_saturation for c in link.chambers)
-        yield ArmParameter(f"{name}/area_saturation", saturation, "1", "shift", 0.3, 0.0, 0.95)
+        if any(map(_has_slope, link.chambers)):
+            yield ArmParameter(f"{name}/area_slope", slope, "1", "shift", 5.0, -50.0, 50.0)
+            saturation = max(c.area_saturation for c in link.chambers)
+            yield ArmParameter(f"{name}/area_saturation", saturation, "1", "shift", 0.3, 0.0, 0.95)
         band, most = max(c.dead_band_pa for c in link.chambers), max(map(abs, robot.pressure_range_pa))
         yield ArmParameter(f"{name}/dead_band", band, "Pa", "shift", _BAND_PA, 0.0, max(0.5 * most, _BAND_PA))
         swell = max(c.swell_per_pa for c in link.chambers)
@@ -172,11 +173,16 @@ def _changed(link: Link, n: Mapping[str, float]) -> dict[str, Any]:
 def _chamber(chamber: Chamber, n: Mapping[str, float], j: int) -> dict[str, Any]:
     gain, arm = (n[key] * (n[f"chamber{j}/{key}"] if j else 1.0) for key in ("gain", "arm"))
     changed = scaled_chamber(chamber, gain, arm)
-    if chamber.alpha_eps != 0.0 and chamber.muscle is None:
+    if _has_slope(chamber):
         changed["area_slope"] = n["area_slope"]
-    changed["area_saturation"] = n["area_saturation"] if changed.get("area_slope") else 0.0
+        changed["area_saturation"] = n["area_saturation"] if changed["area_slope"] else 0.0
     changed["dead_band_pa"], changed["swell_per_pa"] = n["dead_band"], n["swell"]
     return changed
+
+
+def _has_slope(chamber: Chamber) -> bool:
+    """Whether its area may grow with the strain of its fibre: that is known, and no braid says how."""
+    return chamber.alpha_eps != 0.0 and chamber.muscle is None
 
 
 def _strains(link: Link) -> dict[str, tuple[str, ...]]:

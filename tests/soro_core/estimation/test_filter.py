@@ -122,6 +122,7 @@ def test_the_learned_force_is_that_of_the_law():
         np.testing.assert_allclose(left, -force, rtol=2e-3, atol=2e-3 * np.abs(force).max())
 
 
+@pytest.mark.slow
 def test_without_derivatives_differences_give_the_same():
     """An arm of the same physics under another key: an obstacle far away."""
     held = ROBOT.replace(
@@ -134,6 +135,7 @@ def test_without_derivatives_differences_give_the_same():
     assert (np.abs(ends[0].covariance - ends[1].covariance) / scale).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_the_method_mde_predicts_too():
     arm = SoftArm(ROBOT, method="mde")
     one, two = Filter(arm, CONFIG), Filter(SoftArm(ROBOT), CONFIG)

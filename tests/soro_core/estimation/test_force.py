@@ -120,6 +120,7 @@ def test_what_pulls_along_the_backbone_stops_no_learning(force):
         assert state.stage == "free"
 
 
+@pytest.mark.slow
 def test_a_balance_that_jumps_is_found_again_or_given_up():
     still, theta = np.zeros(ARM.n_q), np.zeros(15)
     balancer, q = TipBalancer(ARM, 1, 8), np.array([0.05, 4.0, -3.0])

@@ -42,6 +42,7 @@ def loop_of(noise, duration_s, orientation=1.0, **changes):
     return ticks, monitors[SENSOR]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", [0.1, 1.0, 10.0])
 def test_noise_that_is_not_the_stated_one_is_found_within_a_factor_of_two_in_ten_seconds(factor):
     ticks, monitor = loop_of(factor, 10.0)

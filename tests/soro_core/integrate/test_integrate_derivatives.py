@@ -65,6 +65,7 @@ def test_of_a_step_with_losses_and_chambers(name):
     assert max(found.values()) < ALLOWED, found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["trapezoidal", "tr_bdf2", "rk4"])
 def test_of_links_that_taper_and_are_bent_at_rest(name):
     """A helix with chambers, of varying strain."""

@@ -40,6 +40,7 @@ def swing(t):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", STEPPERS)
 def test_a_base_of_constant_acceleration_is_another_gravity(integrator):
     a = np.array([2.0, -1.0, 3.0])
@@ -193,6 +194,7 @@ def test_implicit_steppers_converge_to_the_same_motion():
         assert errors[1] < 3e-3 * np.abs(exact).max(), integrator
 
 
+@pytest.mark.slow
 def test_a_tip_held_in_the_world_stays_while_the_base_moves():
     arm = arm_of(order=2, viscosity=100.0)
     point = arm.pose(np.zeros(arm.n_q), LENGTH)[:3, 3].tolist()
@@ -232,6 +234,7 @@ def test_what_is_no_motion_is_refused_in_one_line(base, words):
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 def test_what_has_no_moving_base_says_so():
     arm = arm_of()
     mde = SoftArm(arm.robot, method="mde")

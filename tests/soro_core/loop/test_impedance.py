@@ -17,6 +17,9 @@ from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
 from tests.refused import refused
 
+# Whole runs of a loop.
+pytestmark = pytest.mark.slow
+
 PUSH_S, LEAVES_S, END_S = 6.0, 8.2, 10.2
 
 

@@ -14,6 +14,9 @@ from soro_lab.scene import load_scene
 from soro_lab.scene.loop import loop_of
 from tests.refused import refused
 
+# Whole runs of a loop.
+pytestmark = pytest.mark.slow
+
 RADIUS_M, BEGIN_S = 0.013, 7.0
 # Where the tip meets the wall.
 PLACE = np.array([0.012, 0.0, 0.068])

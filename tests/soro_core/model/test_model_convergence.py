@@ -71,6 +71,7 @@ def orders(counts, found, right):
     return {name: -(log[-1] - log[-2]) / np.log(counts[-1] / counts[-2]) for name, log in logs.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 def test_mde_is_of_second_order(seed, figure):
     q, qd = state(seed)

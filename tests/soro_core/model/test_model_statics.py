@@ -111,6 +111,7 @@ def test_wrenches_pressures_and_contact_balance():
     np.testing.assert_allclose(run.q, np.tile(q, (len(run.t), 1)), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_tensions_stand_behind_the_pressures_or_alone():
     arm = SoftArm(robot_from_dict(HANGS | {"tendons": [{"angle_rad": 1.5, "offset_m": 0.009}]}))
     wrench = np.array([0.0, 0.0, 0.0, -0.1, 0.02, 0.0])

@@ -225,6 +225,7 @@ def test_tip_is_that_of_the_boundary_value_problem_of_rucker_and_webster():
     assert np.linalg.norm(wanted - [0, 0, LENGTH]) > 0.1 * LENGTH
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("integrator", "lost"), [("midpoint", 2e-3), ("tr_bdf2", 0.01)])
 def test_the_work_of_the_tensions_is_the_energy_of_the_arm(integrator, lost):
     arm = arm_of([HELIX, {"angle_rad": 2.0, "offset_m": 0.005, "links": [0, 0]}], order=1, links=2)
@@ -241,6 +242,7 @@ def test_the_work_of_the_tensions_is_the_energy_of_the_arm(integrator, lost):
     assert max(arm.energy(*state)[0] for state in zip(run.q, run.qd, strict=True)) > 0.1 * size
 
 
+@pytest.mark.slow
 def test_varying_tension_does_the_work_of_its_path():
     arm = arm_of([HELIX], order=1)
     run = simulate(
@@ -253,6 +255,7 @@ def test_varying_tension_does_the_work_of_its_path():
     assert ends[1] - ends[0] == pytest.approx(work, rel=1e-4)
 
 
+@pytest.mark.slow
 def test_derivatives_of_dynamics_and_of_a_step_are_those_of_differences():
     arm = arm_of([HELIX, {"angle_rad": 2.0, "offset_m": 0.005}], order=1)
     q, qd = state_of(arm, 0.5)
@@ -287,6 +290,7 @@ def test_many_states_and_many_runs_are_those_one_by_one():
     np.testing.assert_array_equal(same[1].q, one.q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["exact", "mde"])
 def test_the_parts_of_a_refined_link_carry_the_same_tendon(method):
     robot = arm_of([HELIX, {**HELIX, "links": [1, 1]}], links=2).robot

@@ -83,6 +83,7 @@ AGREEMENT = dict.fromkeys(STEPPERS, 1e-7) | {"rk4": 1e-12, "dopri5": 1e-5}
 AGREEMENT |= {"midpoint_linear": 1e-3, "tr_bdf2_linear": 1e-4}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "method"), [*((name, "exact") for name in STEPPERS), ("trapezoidal", "mde"), ("rk4", "mde")]
 )

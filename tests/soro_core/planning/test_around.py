@@ -70,6 +70,7 @@ def way():
     return plan_around(ARM, START, tip(END), IN_THE_WAY, margin_m=3e-3)
 
 
+@pytest.mark.slow
 def test_the_map_from_pressures_is_the_equilibrium_on_any_line():
     shapes = HeldShapes(ARM, obstacles_of(ARM, IN_THE_WAY), LOW, HIGH, np.full(6, 100.0))
     random = np.random.default_rng(3)

@@ -44,6 +44,7 @@ def test_the_rates_are_those_of_the_way_and_a_second_pose_bends_it_smoothly():
     assert rotation_log(later(1.4).rotation) == pytest.approx(-0.2 * TURN, abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["tue_three_bellow", "three_bellow_hanging"])
 def test_the_arm_rides_on_its_base_as_the_model_says(name):
     robot = load_robot(name)

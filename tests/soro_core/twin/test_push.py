@@ -77,6 +77,7 @@ def test_a_call_pushes_as_the_scene_does(robot):
         plain.at_wrench(ends[1], [np.nan, 0.0, 0.0])
 
 
+@pytest.mark.slow
 def test_a_push_along_the_arm_acts_at_its_place(robot):
     """By the work of its force there, against the arm's own weight and stiffness."""
     rows = {"at_s": [0.0], "force_n": [(10 * FORCE).tolist()], "location": 0.4}
@@ -102,6 +103,7 @@ def test_before_control_begins_nothing_pushes(robot):
     np.testing.assert_array_equal(run(twin, 0.05, waiting)[-1].arm.q, run(plain, 0.05)[-1].arm.q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integrator", ["trapezoidal", "tr_bdf2_linear"])
 def test_a_wall_carries_the_tip_along_at_its_speed(robot, integrator):
     """A stiff wall that comes with 10 mm/s: it meets the tip, and the tip stays on its face."""

@@ -28,6 +28,8 @@ _MISS_M = 1e-4
 _LEAST_LEAN = 0.3
 # The part of the time of weighing that counts, its last third: the limb is at rest then.
 _COUNTS = 1.0 / 3.0
+# Farthest from level that the hold leaves the limb [rad]: beyond it a stop or the wearer bears a part of it.
+_OFF_LEVEL = 0.2
 
 
 @dataclass(frozen=True)
@@ -206,7 +208,9 @@ class Counterbalance:
     settings: CounterbalanceSettings = CounterbalanceSettings()
 
     def __post_init__(self) -> None:
-        per_pa = self.moments.per_pa
+        per_pa, without = self.moments.per_pa, self.moments.without
+        if not (np.isfinite(without).all() and np.isfinite(per_pa).all()):
+            raise ModelError("moments: a value is not finite; allowed: numbers", "moments")
         if not (np.all(per_pa > 0.0) or np.all(per_pa < 0.0)):
             text = f"{per_pa.min():.3g} to {per_pa.max():.3g} N m/Pa"
             raise ModelError(f"moments.per_pa: {text}; allowed: all above 0 or all below", "moments")
@@ -233,8 +237,8 @@ class Counterbalance:
         ------
         ModelError
             If a measured value is not finite or dt not above 0; while the limb is weighed, if it is too far
-            from level; at the end of that, if it was not at rest or a set point was at a bound. No weight is
-            known then: vent.
+            from level; at the end of that, if it was not level and at rest, or a set point was at a bound. No
+            weight is known then: vent.
         """
         if not (math.isfinite(angle_rad) and math.isfinite(rate_rad_s) and math.isfinite(pressure_pa)):
             raise ModelError("counterbalance: a measured value is not finite", "measured")
@@ -291,6 +295,13 @@ class Counterbalance:
                 f"counterbalance: while the limb was weighed, a set point was at {1e-3 * state.bound_pa:.4g} "
                 f"kPa, its bound; allowed: weights that {1e-3 * low:g} to {1e-3 * high:g} kPa hold",
                 "range_pa",
+            )
+        off = max(self.level_rad - state.least_rad, state.most_rad - self.level_rad)
+        if off > _OFF_LEVEL:
+            raise ModelError(
+                f"counterbalance: the limb was {off:.3g} rad off level while it was weighed, as if a stop "
+                f"held it; allowed: {_OFF_LEVEL:g} rad",
+                "angle",
             )
         if (moved := state.most_rad - state.least_rad) > self.settings.still_rad:
             raise ModelError(

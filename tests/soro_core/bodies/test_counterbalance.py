@@ -101,6 +101,7 @@ def test_the_hold_does_not_wind_up_at_a_bound():
     [
         (Counterbalance(PLAIN, (0.0, 30e3)), [0.0], "at 30 kPa, its bound"),
         (Counterbalance(PLAIN, (0.0, 3e5)), [-0.05, 0.05], "moved by 0.1 rad"),
+        (Counterbalance(PLAIN, (0.0, 1e6)), [0.5], "0.5 rad off level"),
     ],
 )
 def test_a_weight_that_the_arm_did_not_hold_is_refused(law, angles, match):
@@ -127,8 +128,10 @@ def test_times_that_are_none_are_refused(dt):
 
 def test_moments_and_ranges_of_no_use_are_refused():
     for per_pa in ([-1e-5, 1e-5], [-1e-5, 0.0], [math.nan, -1e-5]):
-        with pytest.raises(ModelError, match="all above 0 or all below"):
+        with pytest.raises(ModelError, match=r"all above 0 or all below|not finite"):
             Counterbalance(LimbMoments(PLAIN.angle_rad, np.zeros(2), np.array(per_pa)), (0.0, 3e5))
+    with pytest.raises(ModelError, match="not finite"):
+        Counterbalance(LimbMoments(PLAIN.angle_rad, np.array([0.0, math.nan]), PLAIN.per_pa), (0.0, 3e5))
     with pytest.raises(ModelError, match="from low to high"):
         Counterbalance(PLAIN, (3e5, 0.0))
     with pytest.raises(ModelError, match="stiffness: got nan"):

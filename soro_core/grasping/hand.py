@@ -62,11 +62,12 @@ class Hand:
         Raises
         ------
         ConfigError
-            If the largest pressure is another one: the shapes are computed up to it.
+            If the largest pressure or that of an open finger is another one: the shapes are of these.
         """
-        if keys.squeeze.most_pa != self.keys.squeeze.most_pa:
-            allowed = f"{self.keys.squeeze.most_pa:g}; another value {NEXT_CONFIGURE}"
-            raise ConfigError("hand", "squeeze.most_pa", keys.squeeze.most_pa, allowed)
+        for key in ("most_pa", "open_part"):
+            asked, own = getattr(keys.squeeze, key), getattr(self.keys.squeeze, key)
+            if asked != own:
+                raise ConfigError("hand", f"squeeze.{key}", asked, f"{own:g}; another value {NEXT_CONFIGURE}")
         other = copy(self)
         other.keys, other.squeeze = keys, Squeeze(self.squeeze.fingers, keys.squeeze)
         return other
@@ -75,7 +76,8 @@ class Hand:
         """Coordinates (n, n_q) at rest under each level of pressure, without an object."""
         found: list[Array] = []
         for level in self._level_pa:
-            found.append(equilibrium(finger.arm, level * finger.closing, found[-1] if found else None))
+            pressures = self.keys.squeeze.pressures(finger.closing, level)
+            found.append(equilibrium(finger.arm, pressures, found[-1] if found else None))
         return np.array(found)
 
     def shapes(self, state: SqueezeState) -> list[Array]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field, model_validator
 
+from soro_core.arrays import Array
 from soro_core.config import Floats, Strict
 
 
@@ -18,6 +19,14 @@ class SqueezeSettings(Strict):
         0.85, gt=0, le=1, description="of crush_n at which the force stops: what the estimate may err"
     )
     most_pa: float = Field(90e3, gt=0, description="largest pressure of a chamber that closes a finger [Pa]")
+    open_part: float = Field(
+        1.0 / 3.0,
+        ge=0,
+        lt=1,
+        description="pressure of all chambers of an open finger, in parts of most_pa; it falls to 0 as the "
+        "finger closes: one that does not get longer does not push what it holds. One of three chambers "
+        "closes: 1/3",
+    )
     close_pa_s: float = Field(10e3, gt=0, description="rate at which fingers close and open [Pa/s]")
     pa_per_n: float = Field(
         5e5,
@@ -37,11 +46,11 @@ class SqueezeSettings(Strict):
         description="largest rate at which pressures rise in a slip: fingers that get longer faster than the "
         "object sinks push it, and press harder meanwhile [Pa/s]",
     )
-    slip_m: float = Field(7.5e-4, gt=0, description="tracked slip for which force rises by a factor e [m]")
+    slip_m: float = Field(1e-3, gt=0, description="tracked slip for which force rises by a factor e [m]")
     blind_s: float = Field(3.0, gt=0, description="the same for one that is not tracked: a time [s]")
     slip_s: float = Field(0.2, gt=0, description="shortest slip [s]")
     still_m: float = Field(
-        1.2e-4, ge=0, description="how far noise moves a tracked object that does not slip, up or down [m]"
+        9e-5, ge=0, description="how far noise moves a tracked object that does not slip, up or down [m]"
     )
     gone_m: float = Field(15e-3, gt=0, description="slip of a tracked object that is lost [m]")
     slip_part: float = Field(
@@ -66,6 +75,18 @@ class SqueezeSettings(Strict):
     def limit_n(self) -> float:
         """Estimated force at which the hand does not squeeze harder [N]."""
         return self.crush_part * self.crush_n
+
+    def pressures(self, closing: Array, level_pa: float) -> Array:
+        """Return the pressures of a finger, (n_u,) [Pa].
+
+        Parameters
+        ----------
+        closing : ndarray (n_u,)
+            Pressures that close it, in parts of the largest one.
+        level_pa : float
+            Pressure of the chamber that closes it most, without that of an open finger [Pa].
+        """
+        return level_pa * closing + self.open_part * (self.most_pa - level_pa)
 
 
 class HandKeys(Strict):

@@ -23,8 +23,9 @@ from soro_core.grasping.settings import SqueezeSettings
 Phase: TypeAlias = Literal["open", "closing", "touching", "squeezing", "holding", "slipping", "opening"]
 # Part of the goal at which a squeeze holds, and mean times of the filter for which it looks away after that.
 _REACHED, _SETTLED = 0.97, 3.0
-# Time constants of the filter in which a finger comes to the crush limit.
-_APPROACH = 10.0
+# Time constants of the filter in which a finger comes to the crush limit, and for which an object that has
+# sunk still sinks.
+_APPROACH, _SINKS = 10.0, 0.3
 
 
 @dataclass(frozen=True)
@@ -66,18 +67,21 @@ class SqueezeState:
         Squeeze that is asked for [N].
     smooth : tuple of (ndarray or None)
         Low-passed coordinates and pressures of each finger in one.
+    height_m : ndarray (2,)
+        Low-passed height of the object in the world, and over the fingers' places of touch [m]; nan where it
+        is not tracked.
+    mark_m, begin_m : ndarray (2,)
+        The same behind a play of `still_m`, which noise does not move; and when it last was held [m].
     bend_n : float
         Mean of what bends the fingers, which a load along them does not change where they stick [N].
-    height_m : float
-        Low-passed height of the object over the fingers' places of touch [m]; nan where it is not tracked.
-    mark_m : float
-        The same behind a play of `still_m`, which noise does not move [m].
+    sunk_m : float
+        How far it has come down since then, in the world and against the fingers: the less of both [m].
     slid_m : float
-        How far it has slipped down in this tick [m].
+        Growth of it in this tick [m].
     still_s : float
         Time since it last slipped, where it is tracked [s].
     begun_m : float
-        `height_m` at the touch [m].
+        Height over the fingers' places at the touch [m].
     bound : str
         What has kept the hand from squeezing harder since then; empty where nothing has.
     held_n : float
@@ -99,9 +103,11 @@ class SqueezeState:
     along_n: Array
     goal_n: float
     smooth: tuple[Array | None, ...]
+    height_m: Array
+    mark_m: Array
+    begin_m: Array
     bend_n: float = 0.0
-    height_m: float = np.nan
-    mark_m: float = np.nan
+    sunk_m: float = 0.0
     slid_m: float = 0.0
     still_s: float = np.inf
     begun_m: float = np.nan
@@ -145,12 +151,26 @@ class Squeeze:
     def initial_state(self) -> SqueezeState:
         """Return the state of an open hand."""
         n, s = len(self.fingers), self.settings
-        none = np.zeros(n)
-        return SqueezeState("open", none, np.zeros(n, dtype=bool), none, none, s.force_n, (None,) * n)
+        none, unseen = np.zeros(n), np.full(2, np.nan)
+        return SqueezeState(
+            "open",
+            none,
+            np.zeros(n, dtype=bool),
+            none,
+            none,
+            s.force_n,
+            (None,) * n,
+            unseen,
+            unseen,
+            unseen,
+        )
 
     def pressures(self, state: SqueezeState) -> list[Array]:
         """Return the pressures that are wanted of each finger, (n_u,) [Pa gauge]."""
-        return [one.closing * level for one, level in zip(self.fingers, state.level_pa, strict=True)]
+        return [
+            self.settings.pressures(one.closing, level)
+            for one, level in zip(self.fingers, state.level_pa, strict=True)
+        ]
 
     def step(self, state: SqueezeState, felt: Felt, closes: bool, dt: float) -> SqueezeState:
         """Return the state after a tick.
@@ -213,15 +233,17 @@ class Squeeze:
             noise = feels.noise_n * np.sqrt(new / (2.0 - new))
             touches[i] |= feels.bend_n > max(s.touch_n, s.noise_sigmas * noise)
             places.append(feels.place_m[2])
-        # Fingers get longer, and what sticks to them goes with them.
+        # Fingers that get longer take it down, and those that bend more do not lift it: it slips by the less.
         below = float(np.mean(places)) if places else 0.0
-        height = np.nan if felt.height_m is None else felt.height_m - below
+        seen = np.nan if felt.height_m is None else felt.height_m
+        before = state.height_m[0] if np.isfinite(state.height_m[0]) else seen
+        height = before + new * (seen - before) - np.array([0.0, below])
+        mark, begin, sunk, slid = height, height, 0.0, 0.0
         is_as_before = [row is None for row in smooth] == [row is None for row in state.smooth]
-        mark, slid = height, 0.0
-        if is_as_before and np.isfinite(state.height_m):
-            height = state.height_m + new * (height - state.height_m)
-            mark = min(max(state.mark_m, height - s.still_m), height + s.still_m)
-            slid = max(state.mark_m - mark, 0.0)
+        if is_as_before and np.isfinite([*height, *state.height_m]).all():
+            mark, begin = np.clip(state.mark_m, height - s.still_m, height + s.still_m), state.begin_m
+            sunk = max(state.sunk_m, float((begin - mark).min()))
+            slid = sunk - state.sunk_m
         looks = state.phase in ("closing", "touching") and state.felt_s > _SETTLED * s.filter_s
         return replaced(
             state,
@@ -232,6 +254,8 @@ class Squeeze:
             bend_n=float(bend.mean()),
             height_m=height,
             mark_m=mark,
+            begin_m=begin,
+            sunk_m=sunk,
             slid_m=slid,
             still_s=0.0 if slid > 0.0 else state.still_s + dt,
             since_s=state.since_s + dt,
@@ -243,7 +267,7 @@ class Squeeze:
         """Close each finger until it touches."""
         s = self.settings
         if state.touches.all():
-            return _begin(state, "squeezing", begun_m=state.height_m, bound="")
+            return _begin(state, "squeezing", begun_m=float(state.height_m[1]), bound="")
         if state.touches.any() and state.phase == "closing":
             state = _begin(state, "touching")
         waits = state.level_pa >= s.most_pa
@@ -264,10 +288,13 @@ class Squeeze:
         """Keep the pressures, and look for a slip; untracked, squeeze for what a lift takes away."""
         s, mean, keeps = self.settings, float(state.force_n.mean()), 1.0 - self.settings.slip_part
         if state.since_s <= _SETTLED * s.filter_s:
-            state = replaced(state, held_n=state.bend_n, mark_m=state.height_m, still_s=np.inf)
+            seen = state.height_m
+            state = replaced(
+                state, held_n=state.bend_n, mark_m=seen, begin_m=seen, sunk_m=0.0, still_s=np.inf
+            )
         elif self._slips(state):
             return _begin(state, "slipping", goal_n=min(max(mean, s.touch_n), s.limit_n))
-        elif np.isnan(state.height_m) and mean < keeps * state.goal_n and not self._bound(state):
+        elif np.isnan(state.height_m[0]) and mean < keeps * state.goal_n and not self._bound(state):
             return _begin(state, "squeezing")
         return self._limited(state, state.level_pa, dt)
 
@@ -276,15 +303,18 @@ class Squeeze:
         s, mean = self.settings, float(state.force_n.mean())
         if state.since_s >= s.slip_s:
             # Fingers that meet each other feel a force, too.
-            if state.force_n.max() < s.touch_n or state.height_m < state.begun_m - s.gone_m:
+            if state.force_n.max() < s.touch_n or state.height_m[1] < state.begun_m - s.gone_m:
                 why = f", {state.bound} is too low to hold it" if state.bound else ""
                 return _begin(state, "opening", cause=f"the object is gone{why}")
             if not self._slips(state):
                 return _begin(state, "holding", held_n=state.bend_n)
-        rises = state.slid_m / s.slip_m if np.isfinite(state.height_m) else dt / s.blind_s
+        is_tracked = bool(np.isfinite(state.height_m[0]))
+        rises = state.slid_m / s.slip_m if is_tracked else dt / s.blind_s
         goal = min(state.goal_n * np.exp(rises), s.limit_n)
         state = replaced(state, goal_n=goal, bound=self._bound(state) or state.bound)
-        rate = np.clip((state.goal_n - mean) * s.pa_per_n / s.filter_s, 0.0, s.rise_pa_s)
+        # The force is known late: one that holds the object is enough, whatever the goal has become.
+        is_held = is_tracked and state.still_s > _SINKS * s.filter_s
+        rate = np.clip((state.goal_n - mean) * s.pa_per_n / s.filter_s, 0.0, 0.0 if is_held else s.rise_pa_s)
         return self._limited(state, state.level_pa + dt * rate, dt)
 
     def _opening(self, state: SqueezeState, dt: float) -> SqueezeState:
@@ -298,7 +328,7 @@ class Squeeze:
         A load along the fingers changes their force, too, but no bend of fingers to which the object sticks.
         """
         s = self.settings
-        if np.isfinite(state.height_m):
+        if np.isfinite(state.height_m[0]):
             return state.still_s < s.slip_s
         return state.bend_n < (1.0 - s.slip_part) * state.held_n
 

@@ -14,10 +14,12 @@ from tests.soro_core.bodies.scenes import WEIGHT, fingers
 NOISE = np.array([1.5e-3, 0.05, 0.05])
 CLOSING = np.array([1.0, 0.0, 0.0])
 BEGIN, END = 2.5, 11.0
+# Place without load: fingers of an open hand are longer by 8 %, and touch below the middle of the ball.
+TOUCH = 0.06
 
 
 def hand(noise=NOISE, **settings):
-    models = [Finger(arm, CLOSING, 0.062, noise) for arm in fingers().values()]
+    models = [Finger(arm, CLOSING, TOUCH, noise) for arm in fingers().values()]
     return Squeeze(models, SqueezeSettings(**settings))
 
 
@@ -85,6 +87,56 @@ def test_a_ball_is_held_by_little_more_than_its_weight_needs():
     at_first = run.normal_n[round(BEGIN * 50)].sum()
     assert at_first < 0.5 * needed
     assert run.normal_n.sum(axis=1).max() < 1.3 * needed
+
+
+@pytest.mark.parametrize(("open_part", "is_held"), [(1.0 / 3.0, True), (0.0, False)])
+def test_a_heavy_ball_is_held_by_fingers_that_keep_their_length(open_part, is_held):
+    """Fingers that get longer take it down with them, where the largest pressure is too little."""
+    run = simulate_squeeze(
+        on_table(mass=0.045, friction=0.5),
+        hand(force_n=0.01, crush_n=0.6, open_part=open_part),
+        "object",
+        t_end=END,
+        trial=SqueezeTrial(step_s=1e-3),
+    )
+    assert bool(run.height_m[-1] > -0.068) == is_held
+
+
+@pytest.mark.parametrize(("still_s", "rate_pa_s"), [(0.0, 20e3), (0.1, 0.0)])
+def test_what_no_longer_sinks_is_squeezed_no_harder_whatever_the_goal(still_s, rate_pa_s):
+    law = hand(noise=np.zeros(3), force_n=0.01, crush_n=10.0)
+    level = 20e3
+    pressures = [law.settings.pressures(CLOSING, level)] * 3
+    felt = Felt(pressures, [0.5 * equilibrium(law.fingers[0].arm, pressures[0])] * 3, 0.0)
+    level_pa = np.full(3, level)
+    state = replaced(law.initial_state(), phase="slipping", level_pa=level_pa, goal_n=5.0, still_s=still_s)
+    after = law.step(state, felt, True, 0.01)
+    assert after.phase == "slipping"
+    assert (after.level_pa.mean() - level) / 0.01 == pytest.approx(rate_pa_s)
+
+
+@pytest.mark.parametrize(("sinks", "slides", "slips"), [(1, 0, False), (0, 1, False), (1, 1, True)])
+def test_it_slips_where_it_sinks_in_the_world_and_against_the_fingers(sinks, slides, slips):
+    """A finger that gets longer takes it down; one that bends up leaves it where it is."""
+    law = hand(noise=np.zeros(3), force_n=0.01, crush_n=10.0)
+    pressures = [law.settings.pressures(CLOSING, 20e3)] * 3
+    state = replaced(law.initial_state(), phase="holding", level_pa=np.full(3, 20e3), held_n=10.0)
+    phases = set()
+    for k in range(200):
+        fall = 1e-3 * max(k - 60, 0) * 0.01
+        # The pose at which the place of touch has come down by what the object does not slide on it.
+        shape = np.array([fall * (sinks - slides) / TOUCH, 0.0, 0.0])
+        state = law.step(state, Felt(pressures, [shape] * 3, -fall * sinks), True, 0.01)
+        phases.add(state.phase)
+    assert ("slipping" in phases) == slips
+
+
+def test_the_sum_of_pressures_stays_while_one_chamber_of_three_closes():
+    law = hand(most_pa=90e3)
+    for level in (0.0, 45e3, 90e3):
+        pressures = law.settings.pressures(CLOSING, level)
+        assert pressures.sum() == pytest.approx(90e3)
+        assert pressures[0] - pressures[1] == pytest.approx(level)
 
 
 def test_untracked_the_same_weak_squeeze_loses_the_ball():
@@ -215,7 +267,9 @@ def test_in_a_slip_the_pressures_rise_slowly_and_near_the_crush_limit_more_so():
     rates = {}
     for room in (1.0, 0.01, -0.01):
         law = hand(noise=np.zeros(3), force_n=0.01, crush_n=most + room, crush_part=1.0)
-        state = replaced(law.initial_state(), phase="slipping", level_pa=np.full(3, level), goal_n=5.0)
+        state = replaced(
+            law.initial_state(), phase="slipping", level_pa=np.full(3, level), goal_n=5.0, still_s=0.0
+        )
         after = law.step(state, Felt([pressure] * 3, [shape] * 3, 0.0), True, 0.01)
         assert after.most_n == pytest.approx(most)
         rates[room] = (after.level_pa.max() - level) / 0.01
@@ -229,6 +283,7 @@ def test_in_a_slip_the_pressures_rise_slowly_and_near_the_crush_limit_more_so():
     [
         ({"force_n": 0.5}, "none above the next one"),
         ({"touch_pa": 1e5}, "at most most_pa"),
+        ({"open_part": 1.0}, "open_part"),
         ({"slip_m": 0.0}, "slip_m"),
     ],
 )

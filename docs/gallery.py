@@ -1,4 +1,7 @@
-"""`make gallery`: run every shipped scene in lockstep, draw it, and write gallery.md from the scenes."""
+"""`make gallery`: run every shipped scene in lockstep, draw it, and write gallery.md from the scenes.
+
+`python -m docs.gallery NAME ...` runs these alone.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,7 @@ import json
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +35,8 @@ COLOURS = (200, 80, 32, 16)
 # Part of the width of a film that shows the arm.
 ARM_PART = 0.56
 MOST_BYTES = 60_000
+# Lines that a legend names: it would cover the plot.
+MOST_NAMES = 12
 # A path whose width is a smaller part of its length is a line from above: pressures are drawn in its place.
 FLAT = 0.1
 
@@ -113,6 +119,8 @@ def draw(scene: Scene, run_folder: Path) -> None:
     else:
         draw_error(axes[1], shown)
     for axis in axes:
+        if len(axis.get_legend_handles_labels()[0]) > MOST_NAMES:
+            continue
         axis.legend(loc="upper center", bbox_to_anchor=(0.5, -0.17), ncols=2, fontsize="small")
     figure.savefig(file, dpi=WIDTH_PX / 12.0)
     plt.close(figure)
@@ -141,12 +149,16 @@ def section(scene: Scene, figures: dict[str, Any]) -> str:
     return f"## {scene.name}\n\n{what}\n\n{picture}\n\n{result}. {file}.\n"
 
 
-def main() -> None:
-    """Run, draw and write."""
+def main(names: Sequence[str] = ()) -> None:
+    """Run, draw and write; of given scenes alone, and the others stay."""
     PICTURES.mkdir(parents=True, exist_ok=True)
+    written = {text.split("\n", 1)[0]: f"## {text}" for text in PAGE.read_text("utf-8").split("\n## ")[1:]}
     parts = [HEADER]
     with tempfile.TemporaryDirectory() as folder:
         for scene in scenes_in(shipped_folder()).scenes:
+            if names and scene.name not in names:
+                parts.append(written[scene.name].rstrip("\n") + "\n")
+                continue
             run_folder, figures = run(scene, Path(folder))
             draw(scene, run_folder)
             parts.append(section(scene, figures))
@@ -154,4 +166,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(sys.argv[1:])

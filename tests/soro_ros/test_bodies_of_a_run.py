@@ -142,6 +142,18 @@ def test_a_ball_that_falls_out_of_the_world_ends_the_run_with_the_cause(domain, 
 
 
 @pytest.mark.process
+def test_a_long_arm_wraps_around_a_cylinder_and_carries_it(domain, tmp_path):
+    changes = [f"bodies.{side}.motion.at_s=[6.5, 7.5]" for side in ("left", "right")]
+    status, output, folder = run(
+        tmp_path / "runs", "mode=lockstep", "duration_s=12", *changes, scene="wrap_a_cylinder"
+    )
+    assert (status, summary(folder)["verdict"]) == (0, "good"), output
+    found = summary(folder)["bodies"]["cylinder"]
+    assert not found["dropped"]
+    assert found["largest_normal_n"] > 0.03 * 9.81  # it presses, and does not only lie
+
+
+@pytest.mark.process
 @pytest.mark.parametrize(("friction", "is_carried"), [(0.8, True), (0.0, False)])
 def test_two_arms_carry_a_bar_by_friction(domain, tmp_path, friction, is_carried):
     name = "two_arms_carry_a_bar"

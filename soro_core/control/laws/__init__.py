@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from soro_core.control.laws.protocol import Terms as Terms
     from soro_core.control.laws.registry import find_law as find_law
     from soro_core.control.laws.tip_pid import TipPid as TipPid
+    from soro_core.control.laws.wrap import Wrap as Wrap
 
 __all__, __getattr__ = lazy(
     __name__,
@@ -29,6 +30,7 @@ __all__, __getattr__ = lazy(
         ".guard": "LawError",
         ".registry": "find_law",
         ".tip_pid": "TipPid",
+        ".wrap": "Wrap",
         ".protocol": "ArmBelief Certainty Law LawOptions Made Preview Setting Terms",
     },
 )

@@ -33,6 +33,7 @@ SHIPPED = {
     "composite": f"{_HERE}.composite:Composite",
     "computed_torque": f"{_HERE}.computed_torque:ComputedTorque",
     "tip_pid": f"{_HERE}.tip_pid:TipPid",
+    "wrap": f"{_HERE}.wrap:Wrap",
 }
 
 

@@ -49,6 +49,9 @@ _INERTIA = 0.5
 # Speed of the tip, in lengths of the arm a second, from which on it moves; behind a low-pass of a rate
 # [rad/s].
 _MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
+# Largest force, in that whose work over the length of the arm is the energy of one unit of each strain:
+# an arm that leans on something all along, or is bent to where its tip hardly moves, has balances under any.
+_MOST_FORCE = 1e3
 # Part of a new position in the mean of their scatter.
 _SCATTER_PART = 0.05
 
@@ -88,6 +91,8 @@ class ForceObserver:
         self._mass_kg = sum(link.mass for link in arm.robot.links)
         measured = min(arm.robot.calibration.gain_std or _GAIN_STD, _GAIN_STD)
         self._gain_std = measured if config.gain_std is None else config.gain_std
+        scales = self.force.scales
+        self._most_n = _MOST_FORCE * float(scales.force @ scales.q) / arm.length
 
     def step(
         self, state: ForceState, seen: Sequence[Seen], s: float, known: LearnedInput, now_s: float
@@ -159,7 +164,9 @@ class ForceObserver:
         return state._replace(stage=stage, held=held, external=external)
 
     def _tip(self, balance: TipBalance) -> Array | None:
-        """Return the tip of a balance; None where Newton's method left what an arm can be."""
+        """Return the tip of a balance; None where Newton's method left what an arm and a force can be."""
+        if not float(np.linalg.norm(balance.force_n)) <= self._most_n:
+            return None
         with contextlib.suppress(ModelError):
             return self.balancer.fine.pose(balance.x, self.balancer.fine.length)[:3, 3]
         return None

@@ -420,3 +420,17 @@ def test_a_balance_that_no_arm_can_have_is_no_estimate(monkeypatch):
     monkeypatch.setattr(observer.balancer, "step", lambda *_: crushed)
     later = seen._replace(stamp_s=0.12)
     assert observer.step(state, [later], ARM.length, LearnedInput(), 0.12).external is None
+
+
+@pytest.mark.parametrize("force_n", [[50.0, 0.0, 0.0], [np.nan, 0.0, 0.0]])
+def test_a_force_that_no_such_arm_could_bear_is_no_estimate(monkeypatch, force_n):
+    """Where an arm leans on something all along, its balances are those of any force at the tip."""
+    observer = ForceObserver(ARM, ForceConfig(), 1, Noise(1e-4, 100.0))
+    seen = Seen(0.1, ARM.pose(STILL, ARM.length)[:3, 3], PRESSURE, STILL, STILL, np.zeros(ARM.n_internal))
+    state = observer.step(ForceState(), [seen], ARM.length, LearnedInput(), 0.1)
+    assert state.external is not None
+    pushed = replaced(state.balance, force_n=np.array(force_n))
+    monkeypatch.setattr(observer.balancer, "step", lambda *_: pushed)
+    assert (
+        observer.step(state, [seen._replace(stamp_s=0.12)], ARM.length, LearnedInput(), 0.12).external is None
+    )

@@ -43,8 +43,11 @@ class Fed:
                 receive(self.node, f"{name}/chambers/state", empty)
 
     def bends(self):
-        """Return the largest coordinate that each finger was asked for last."""
-        return [np.abs(asked[-1].points[0].positions).max() for asked in self.asked.values()]
+        """Return how far from an open one each finger was asked to be last, by its coordinates."""
+        hand = self.node._hand
+        opened = hand.shapes(hand.squeeze.initial_state())
+        asked = [one[-1].points[0].positions for one in self.asked.values()]
+        return [np.abs(np.subtract(q, own)).max() for q, own in zip(asked, opened, strict=True)]
 
 
 @pytest.fixture

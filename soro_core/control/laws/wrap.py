@@ -1,13 +1,12 @@
-"""The law `wrap`: link after link along an object, and then the least energy of the arm within the object.
+"""The law `wrap`: along an object, and then the least energy of the arm within the object.
 
 Under pressures u an arm rests where the energy U(q) - q' H u is least. With H u = dU/dq at q*, the shape q*
 is that place. Where an object keeps the arm from it, the arm presses with the difference of the forces, dU/dq
 at q* less that at q. Nothing is fed back: a filter that knows of a force at the tip alone is wrong about an
 arm that leans on something all along, and what a link presses must not depend on it.
 
-The reference is the shape that lies on the object. The links bend to it one after the other from the base,
-each along what the links before it touch: bent all at once or too far, an arm can push away what it should
-hold. Then all bend further, by `press_part`, as far as pressures go: this presses (ADR 0095).
+The reference is the shape that lies on the object. All links bend to it together, from its place of touch at
+the base on, and then further by `press_part`, as far as pressures go: this presses (ADR 0095).
 """
 
 from __future__ import annotations
@@ -25,8 +24,9 @@ from soro_core.control.reference.trajectory import smooth_step
 class WrapOptions(LawOptions):
     """Keys of the law."""
 
-    link_s: float = Field(0.5, ge=0, le=600, description="from the begin of a link to that of the next [s]")
-    bend_s: float = Field(2.0, gt=0, le=600, description="time in which a link bends, and all press [s]")
+    bend_s: float = Field(
+        2.0, gt=0, le=600, description="time in which the arm bends, and in which it presses [s]"
+    )
     press_part: float = Field(
         1.0,
         ge=0,
@@ -44,16 +44,13 @@ class WrapState:
 
 
 class Wrap(Law[WrapState]):
-    """Lays the arm on an object from the base to the tip, and presses; without feedback."""
+    """Lays the arm on an object, and presses; without feedback."""
 
     Options = WrapOptions
 
     def __init__(self, setting: Setting, options: LawOptions) -> None:
         assert isinstance(options, WrapOptions)
         self.setting, self.options = setting, options
-        robot = setting.arm.robot
-        link = np.repeat(np.arange(len(robot.links)), [one.n_q for one in robot.links])
-        self.begin_s = options.link_s * (link // robot.refinement)
         self.bends = setting.fields.of("bending_x") + setting.fields.of("bending_y")
 
     def initial_state(self) -> WrapState:
@@ -66,12 +63,8 @@ class Wrap(Law[WrapState]):
         """Return state, force and terms; parameters as in `Law.step`."""
         arm, start = self.setting.arm, belief.q if state.start is None else state.start
         time_s, laid = state.time_s + reference.ahead_s, reference.ahead.q
-        lies = np.array([self._step(time_s - begin) for begin in self.begin_s])
-        presses = self.options.press_part * self._step(time_s - self.begin_s.max() - self.options.bend_s)
+        lies = smooth_step(time_s / self.options.bend_s)[0]
+        presses = self.options.press_part * smooth_step(time_s / self.options.bend_s - 1.0)[0]
         q = start + lies * (laid - start) + presses * self.bends * laid
         model = np.asarray(arm.gravity_force(q) + arm.elastic_force(q))
         return WrapState(start, state.time_s + dt), model, {"model": model}
-
-    def _step(self, time_s: float) -> float:
-        """Return how far a motion is on its way [s] after its begin, 0 to 1."""
-        return smooth_step(time_s / self.options.bend_s)[0]

@@ -1,4 +1,4 @@
-"""The law `wrap`: what it asks for, link after link, and what that holds in a world of bodies."""
+"""The law `wrap`: what it asks for, and what that holds in a world of bodies."""
 
 import numpy as np
 import pytest
@@ -35,7 +35,7 @@ def law_of(**options):
 
 
 def asked(law, times_s):
-    """Desired forces at these times; the last one is that of before the time."""
+    """Desired force at each of these times [s], by steps of 0.05 s."""
     arm, dt = law.setting.arm, 0.05
     still = np.zeros(arm.n_q)
     belief = ArmBelief(still, still, None, True, np.zeros(arm.n_internal), np.zeros(18), np.zeros(18, bool))
@@ -53,12 +53,11 @@ def at_rest(law, q):
     return law.setting.arm.gravity_force(q) + law.setting.arm.elastic_force(q)
 
 
-def test_links_bend_one_after_the_other_and_then_press():
-    law = law_of(link_s=3.0, bend_s=2.0, press_part=0.5)
-    first, last = asked(law, [2.5, 30.0])
-    one = LAID.copy()
-    one[3:] = 0.0
-    np.testing.assert_allclose(first, at_rest(law, one), rtol=1e-12)
+def test_links_bend_to_the_object_and_then_press():
+    law = law_of(bend_s=2.0, press_part=0.5)
+    half, laid, last = asked(law, [1.0, 2.0, 30.0])
+    np.testing.assert_allclose(half, at_rest(law, 0.5 * LAID), rtol=1e-12)
+    np.testing.assert_allclose(laid, at_rest(law, LAID), rtol=1e-12)
     pressed = LAID * np.tile([1.0, 1.5, 1.5], 6)
     np.testing.assert_allclose(last, at_rest(law, pressed), rtol=1e-12)
 
@@ -106,7 +105,7 @@ def test_what_it_presses_holds_a_cylinder(press_part, is_held):
 
 
 @pytest.mark.parametrize(
-    "options", [{"bend_s": 0.0}, {"press_part": -1.0}, {"link_s": "fast"}, {"radius": 1.0}]
+    "options", [{"bend_s": 0.0}, {"press_part": -1.0}, {"bend_s": "fast"}, {"radius": 1.0}]
 )
 def test_wrong_options_are_refused_in_one_line(options):
     with pytest.raises(ConfigError, match=next(iter(options))) as error:

@@ -25,7 +25,7 @@ class WrapOptions(LawOptions):
     """Keys of the law."""
 
     bend_s: float = Field(
-        2.0, gt=0, le=600, description="time in which the arm bends, and in which it presses [s]"
+        2.0, gt=0, le=600, description="time to bend, and to press [s]"
     )
     press_part: float = Field(
         1.0,

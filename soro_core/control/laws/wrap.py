@@ -24,9 +24,7 @@ from soro_core.control.reference.trajectory import smooth_step
 class WrapOptions(LawOptions):
     """Keys of the law."""
 
-    bend_s: float = Field(
-        2.0, gt=0, le=600, description="time to bend, and to press [s]"
-    )
+    bend_s: float = Field(2.0, gt=0, le=600, description="time to bend, and to press [s]")
     press_part: float = Field(
         1.0,
         ge=0,

@@ -28,7 +28,7 @@ from soro_hardware.emulation.sockets.plant_link import PlantFrame, PlantLinkClie
 from soro_hardware.port import Regulator
 from soro_hardware.transport.frame import Frame
 from soro_hardware.transport.link import from_message, to_message
-from tests.patience import LIMIT_S
+from tests.patience import LATE_CYCLES, LIMIT_S
 from tests.soro_hardware.hub_bus import HubBus
 from tests.warm import Popen
 
@@ -59,6 +59,9 @@ BASE: dict[str, Any] = {
         "maximum_pa": 90e3,
     },
 }
+
+# Changes of it for a test in real time that asks for no fault.
+PATIENT: dict[str, Any] = {"cycle_budget_s": 0.1, "canopen": LATE_CYCLES}
 
 
 def platform(**changes: Any) -> CanopenPlatform:

@@ -5,6 +5,7 @@ import time
 import numpy as np
 import pytest
 from hardware_bench import (
+    PATIENT,
     PERIOD_NS,
     Bench,
     RecordingBus,
@@ -99,7 +100,7 @@ def test_a_driver_process_that_was_killed_is_followed_by_another(tmp_path):
         with driver_process(path, served.device):
             time.sleep(0.1)
         time.sleep(0.3)
-        with driver(platform(), served.device, lockstep=False) as regulator:
+        with driver(platform(**PATIENT), served.device, lockstep=False) as regulator:
             results = cycles_in_real_time(regulator, 0.3, np.array([20e3, 40e3, 60e3]))
     assert not [fault for result in results for fault in result.faults if fault.latched]
     np.testing.assert_allclose(results[-1].pressure_pa, [20e3, 40e3, 60e3], atol=2e3)

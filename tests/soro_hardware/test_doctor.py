@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from hardware_bench import Bench, emulator, platform, platform_file, single
+from hardware_bench import PATIENT, Bench, emulator, platform, platform_file, single
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
@@ -125,9 +125,6 @@ def test_times_of_the_watchdogs_are_found():
 
 
 # The command --------------------------------------------------------------------------------------
-
-
-PATIENT = {"cycle_budget_s": 0.1, "canopen": {"heartbeat_consumer_s": 1.0, "stale_cycles": 100}}
 
 
 @pytest.fixture

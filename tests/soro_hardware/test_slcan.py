@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 import can
 import numpy as np
 import pytest
-from hardware_bench import cycles_in_real_time, driver, emulator, platform, platform_file
+from hardware_bench import PATIENT, cycles_in_real_time, driver, emulator, platform, platform_file
 
 from soro_core.errors import HardwareError
 from soro_hardware.doctor import examine
@@ -415,7 +415,7 @@ def test_valves_behind_an_adapter_with_time_stamps(tmp_path):
     path = platform_file(tmp_path, emulation={"adapters": ["slcan_remembering"]})
     with (
         emulator(tmp_path, platform=path) as served,
-        driver(platform(), served.device, lockstep=False) as regulator,
+        driver(platform(**PATIENT), served.device, lockstep=False) as regulator,
     ):
         results = cycles_in_real_time(regulator, 0.5, np.array([20e3, 40e3, 60e3]))
         assert not [fault for result in results for fault in result.faults if fault.latched]
@@ -456,7 +456,7 @@ def test_valves_behind_a_silent_adapter(tmp_path):
     """Start-up, cycles and shutdown, and what the doctor says of it."""
     path = platform_file(tmp_path, emulation={"adapters": ["slcan_silent"]})
     with emulator(tmp_path, platform=path) as served:
-        with driver(platform(), served.device, lockstep=False) as regulator:
+        with driver(platform(**PATIENT), served.device, lockstep=False) as regulator:
             results = cycles_in_real_time(regulator, 0.5, np.array([20e3, 40e3, 60e3]))
             assert not [fault for result in results for fault in result.faults if fault.latched]
             np.testing.assert_allclose(results[-1].pressure_pa, [20e3, 40e3, 60e3], atol=2e3)

@@ -16,8 +16,10 @@ from soro_core.errors import ConfigError
 from soro_core.robot import BaseState
 from soro_core.robot.description import END_TOLERANCE
 from soro_core.robot.vectors import Quaternion, Vector3
-from soro_core.rotation import matrix_from_quaternion
+from soro_core.rotation import matrix_from_quaternion, rotation_exp
 
+GRAVITY = 9.81
+"""Of the world, downwards along z [m/s^2]."""
 _ZERO = (0.0, 0.0, 0.0)
 # Lengths of a body [m]: beyond these a unit is wrong.
 _SMALL, _LARGE = 1e-4, 100.0
@@ -114,6 +116,58 @@ class GroundShape(Strict):
         return np.zeros(3)
 
 
+def _check_times(at_s: Floats, n: int, rows: str) -> None:
+    """Refuse times without a row each, and times that do not increase."""
+    if len(at_s) < 1 or n != len(at_s):
+        raise ValueError(f"a row of {rows} for each of one or more times, not {len(at_s)} times and {n} rows")
+    if at_s[0] < 0.0 or any(late <= early for early, late in pairwise(at_s)):
+        raise ValueError("times of 0 or more that increase")
+
+
+def smooth_way(at_s: Floats, rows: Array, t: float) -> tuple[Array, Array, Array]:
+    """Return value, rate and acceleration at a time, smoothly from one row to the next, with rest at each."""
+    k = int(np.searchsorted(at_s, t, side="right"))
+    if k == 0 or k == len(rows):
+        return rows[min(k, len(rows) - 1)], np.zeros_like(rows[0]), np.zeros_like(rows[0])
+    lasts, way = at_s[k] - at_s[k - 1], rows[k] - rows[k - 1]
+    x = (t - at_s[k - 1]) / lasts
+    return (
+        rows[k - 1] + x * x * (3.0 - 2.0 * x) * way,
+        6.0 * x * (1.0 - x) / lasts * way,
+        (6.0 - 12.0 * x) / lasts**2 * way,
+    )
+
+
+class HingeDrive(Strict):
+    """Who moves a limb: smoothly from one angle to the next, with rest at each; relaxed before the first."""
+
+    at_s: Floats = Field((), description="times, increasing; in a scene after the begin of control [s]")
+    angle_rad: Floats = Field((), description="angle at each time")
+    stiffness: float = Field(8.0, gt=0, le=1e6, description="torque for a wrong angle [N m/rad]")
+    damping: float = Field(0.2, ge=0, le=1e6, description="torque for a wrong rate [N m s/rad]")
+
+    @model_validator(mode="after")
+    def _rows(self) -> HingeDrive:
+        _check_times(self.at_s, len(self.angle_rad), "angle_rad")
+        return self
+
+    def __call__(self, t: float) -> tuple[float, float, float]:
+        """Return wanted angle, rate and acceleration at a time [s]."""
+        way = smooth_way(self.at_s, np.array(self.angle_rad)[:, None], t)
+        return float(way[0][0]), float(way[1][0]), float(way[2][0])
+
+    def torque(self, t: float, angle: float, rate: float) -> float:
+        """Return the torque [N m] at a time [s], for angle [rad] and rate [rad/s] of the body."""
+        if t < self.at_s[0]:
+            return 0.0
+        wanted, faster, _ = self(t)
+        return self.stiffness * (wanted - angle) + self.damping * (faster - rate)
+
+    def least_inertia(self, dt: float) -> float:
+        """Return the inertia [kg m2] below which a body would ring, as a torque lasts for dt [s]."""
+        return dt * (self.damping + dt * self.stiffness)
+
+
 class Hinge(Strict):
     """A joint to the world with one axis; its angle counts from the pose of the body at the start."""
 
@@ -122,6 +176,8 @@ class Hinge(Strict):
     limits_rad: tuple[float, float] | None = Field(None, strict=False, description="least and largest angle")
     stiffness: float = Field(0.0, ge=0, description="of a spring towards angle 0 [N m/rad]")
     damping: float = Field(0.0, ge=0, description="[N m s/rad]")
+    drive: HingeDrive | None = Field(None, description="who moves it; default: nobody")
+    encoder_rad: float = Field(0.0, ge=0, le=0.1, description="step of the encoder in a scene; 0: exact")
 
     @field_validator("axis")
     @classmethod
@@ -156,14 +212,9 @@ class BodyMotion(Strict):
 
     @model_validator(mode="after")
     def _rows(self) -> BodyMotion:
-        n = len(self.at_s)
-        if n < 1 or len(self.displacement_m) != 3 * n:
-            raise ValueError(
-                f"a row of displacement_m for each of one or more times, not {n} times and "
-                f"{len(self.displacement_m)} numbers"
-            )
-        if self.at_s[0] < 0.0 or any(late <= early for early, late in pairwise(self.at_s)):
-            raise ValueError("times of 0 or more that increase")
+        if len(self.displacement_m) % 3:
+            raise ValueError(f"x, y and z of each row, not {len(self.displacement_m)} numbers")
+        _check_times(self.at_s, len(self.displacement_m) // 3, "displacement_m")
         return self
 
     def moves_within(self, start: float, end: float) -> bool:
@@ -172,17 +223,8 @@ class BodyMotion(Strict):
 
     def __call__(self, t: float) -> BaseState:
         """Return the displacement at a time [s], with its rates."""
-        rows = np.reshape(self.displacement_m, (-1, 3))
-        k = int(np.searchsorted(self.at_s, t, side="right"))
-        if k == 0 or k == len(rows):
-            return BaseState(displacement=rows[min(k, len(rows) - 1)])
-        lasts = self.at_s[k] - self.at_s[k - 1]
-        x, way = (t - self.at_s[k - 1]) / lasts, rows[k] - rows[k - 1]
-        return BaseState(
-            displacement=rows[k - 1] + x * x * (3.0 - 2.0 * x) * way,
-            velocity=6.0 * x * (1.0 - x) / lasts * way,
-            acceleration=(6.0 - 12.0 * x) / lasts**2 * way,
-        )
+        place, velocity, acceleration = smooth_way(self.at_s, np.reshape(self.displacement_m, (-1, 3)), t)
+        return BaseState(displacement=place, velocity=velocity, acceleration=acceleration)
 
 
 class RigidBody(Strict):
@@ -236,6 +278,22 @@ class RigidBody(Strict):
             return np.ones(3)
         own = self.mass * self.shape.inertia_per_mass() if self.inertia is None else self.inertia
         return np.array(own, dtype=np.float64)
+
+    def about_hinge(self) -> tuple[Array, Array, float]:
+        """Return axis (3,), place (3,) of the centre at the start from a point of it [m], inertia [kg m2]."""
+        assert self.hinge is not None
+        axis = np.array(self.hinge.axis) / math.hypot(*self.hinge.axis)
+        lever = np.subtract(self.position, self.hinge.point)
+        own = float((self.rotation.T @ axis) ** 2 @ self.moments())
+        return axis, lever, own + (self.mass or 0.0) * float(np.sum(np.cross(axis, lever) ** 2))
+
+    def torque_alone(self, angle: float, rate: float, acceleration: float) -> float:
+        """Return the torque [N m] about the hinge that moves the body, held by nothing else, in the world."""
+        assert self.hinge is not None
+        axis, lever, inertia = self.about_hinge()
+        pull = np.array([0.0, 0.0, -GRAVITY * (self.mass or 0.0)])
+        falls = float(axis @ np.cross(rotation_exp(angle * axis) @ lever, pull))
+        return inertia * acceleration + self.hinge.damping * rate + self.hinge.stiffness * angle - falls
 
 
 def check_attachments(bodies: Mapping[str, RigidBody], lengths: Mapping[str, float], where: str) -> None:

@@ -10,13 +10,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field
 
 from soro_core.arrays import Array
-from soro_core.bodies.body import Hinge
+from soro_core.bodies.body import Hinge, smooth_way
+from soro_core.config import Strict
 from soro_core.errors import ModelError, short
 from soro_core.model import SoftArm
 from soro_core.rotation import rotation_exp
@@ -28,6 +30,8 @@ _MISS_M = 1e-4
 _LEAST_LEAN = 0.3
 # The part of the time of weighing that counts, its last third: the limb is at rest then.
 _COUNTS = 1.0 / 3.0
+# The part in which the arm takes up its pressure, and the one at whose end it has lifted the limb.
+_FILLS, _LIFTS = 1.0 / 12.0, 1.0 / 3.0
 # Farthest from level that the hold leaves the limb [rad]: beyond it a stop or the wearer bears a part of it.
 _OFF_LEVEL = 0.2
 
@@ -123,34 +127,24 @@ def _follow(arm: SoftArm, q: Array, place: Array, angle: float) -> Array:
     return np.asarray(q)
 
 
-@dataclass(frozen=True)
-class CounterbalanceSettings:
-    """What holds the limb while it is weighed.
+class CounterbalanceSettings(Strict):
+    """What holds the limb while it is weighed."""
 
-    Attributes
-    ----------
-    weigh_s : float
-        Time until the weight is frozen [s]; its last third counts.
-    start_pa : float
-        Pressure at the start [Pa].
-    stiffness, integral, damping : float
-        Moment that holds the limb level, by the angle [N m/rad], its integral [N m/(rad s)], and its rate
-        [N m s/rad].
-    still_rad : float
-        How far the limb may move while its weight is taken [rad].
-    """
+    weigh_s: float = Field(
+        3.0, ge=0, le=600, description="time until the weight is frozen; its last third counts [s]"
+    )
+    start_pa: float = Field(35e3, ge=0, le=1e7, description="pressure at the start, of a level limb [Pa]")
+    stiffness: float = Field(
+        0.33, ge=0, le=1e6, description="moment that holds the limb level, by its angle [N m/rad]"
+    )
+    integral: float = Field(1.0, ge=0, le=1e6, description="by the integral of the angle, in N m/(rad s)")
+    damping: float = Field(0.075, ge=0, le=1e6, description="by the rate [N m s/rad]")
+    still_rad: float = Field(
+        0.05, ge=0, le=1, description="how far the limb may move while its weight is taken [rad]"
+    )
 
-    weigh_s: float = 3.0
-    start_pa: float = 35e3
-    stiffness: float = 0.33
-    integral: float = 1.0
-    damping: float = 0.067
-    still_rad: float = 0.05
 
-    def __post_init__(self) -> None:
-        for field in fields(self):
-            if not 0.0 <= (value := getattr(self, field.name)) < math.inf:
-                raise ModelError(f"{field.name}: got {short(value)}; allowed: 0 or above", field.name)
+_DEFAULT = CounterbalanceSettings()
 
 
 @dataclass(frozen=True)
@@ -161,8 +155,10 @@ class CounterbalanceState:
     ----------
     t_s : float
         Time [s].
+    start_rad : float
+        Angle from which the limb is lifted [rad].
     integral : float
-        Of the angle from level, while the limb is weighed [rad s].
+        Of the angle from where the limb is wanted, while it is weighed [rad s].
     weight : float
         The weight's moment where the limb is level, the mean of `samples` values [N m]; frozen when it has
         been weighed.
@@ -174,6 +170,7 @@ class CounterbalanceState:
     """
 
     t_s: float = 0.0
+    start_rad: float = 0.0
     integral: float = 0.0
     weight: float = 0.0
     samples: int = 0
@@ -205,7 +202,7 @@ class Counterbalance:
     moments: LimbMoments
     range_pa: Sequence[float]
     level_rad: float = 0.0
-    settings: CounterbalanceSettings = CounterbalanceSettings()
+    settings: CounterbalanceSettings = _DEFAULT
 
     def __post_init__(self) -> None:
         per_pa, without = self.moments.per_pa, self.moments.without
@@ -249,26 +246,40 @@ class Counterbalance:
         state = replace(state, t_s=state.t_s + dt)
         if state.t_s < self.settings.weigh_s:
             found = (without + per_pa * pressure_pa) / max(lean, _LEAST_LEAN)
-            return self._weigh(state, (angle_rad, rate_rad_s), found, per_pa, dt)
+            return self._weigh(state, (angle_rad, rate_rad_s), found, (without, per_pa), dt)
         if not is_weighed:
             self._refuse_moved(state)
         return state, self._within((state.weight * lean - without) / per_pa)
 
     def _weigh(
-        self, state: CounterbalanceState, limb: tuple[float, float], found: float, per_pa: float, dt: float
+        self,
+        state: CounterbalanceState,
+        limb: tuple[float, float],
+        found: float,
+        moments: tuple[float, float],
+        dt: float,
     ) -> tuple[CounterbalanceState, float]:
-        """Hold the limb level, and take the mean of the moments that hold it."""
-        hold, (angle, rate) = self.settings, limb
-        away = angle - self.level_rad
-        if math.cos(away) < _LEAST_LEAN:
+        """Lift the limb from where it was, hold it level, and take the mean of the moments that hold it."""
+        hold, (angle, rate), (without, per_pa) = self.settings, limb, moments
+        begin_s, end_s = hold.weigh_s * _FILLS, hold.weigh_s * _LIFTS
+        if state.t_s <= begin_s:  # it may fall, or hang on a stop: until then its speed alone is held
+            state = replace(state, start_rad=angle)
+        if math.cos(angle - self.level_rad) < _LEAST_LEAN:
             raise ModelError(
                 f"counterbalance: the limb is at {angle:.3g} rad; allowed while weighed: within "
                 f"{math.acos(_LEAST_LEAN):.3g} rad of level",
                 "angle",
             )
+        # At once asked to be level, a limb that hangs on a stop would be thrown as it leaves it.
+        rows = np.array([[state.start_rad], [self.level_rad]])
+        level, rises, _ = smooth_way((begin_s, end_s), rows, state.t_s)
+        away = angle - float(level[0])
         integral = state.integral + dt * away
-        back = hold.stiffness * away + hold.integral * integral + hold.damping * rate
-        wanted = hold.start_pa - back / per_pa
+        back = hold.stiffness * away + hold.integral * integral + hold.damping * (rate - float(rises[0]))
+        # The moment of the muscle differs from angle to angle: with one pressure for all of them the limb
+        # would snap from a stop to the other.
+        level_without, level_per_pa = self.moments.at(self.level_rad)
+        wanted = (level_without + level_per_pa * hold.start_pa - back - without) / per_pa
         setpoint = self._within(wanted)
         # An integral that goes on where the set point cannot follow would throw the limb later.
         if setpoint == wanted or away * (wanted - setpoint) * per_pa > 0.0:

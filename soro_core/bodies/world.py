@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from soro_core._box import Box
 from soro_core.arrays import Array, Integers
 from soro_core.bodies.attached import joint_tables, joints_of, refuse_displaced
-from soro_core.bodies.body import BodyMotion, RigidBody, check_attachments
+from soro_core.bodies.body import GRAVITY, BodyMotion, RigidBody, check_attachments
 from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
     ARM,
@@ -50,7 +50,7 @@ from soro_core.robot import Robot
 from soro_core.robot.basis import radius_profile
 from soro_core.robot.link import CLOSE
 
-_EARTH = (0.0, 0.0, -9.81)
+_EARTH = (0.0, 0.0, -GRAVITY)
 _BOUNDS = (
     ("stiffness", 1.0, 1e9),
     ("arm_friction", 0.0, 10.0),

@@ -226,6 +226,11 @@ class ControllerConfig(Strict):
         "program, its class",
     )
     law_options: Mapping[str, Any] = Field({}, description="keys of the law")
+    joint: str = Field(
+        "",
+        description="topic of the measured angle of a joint (sensor_msgs/JointState, its first position), "
+        "for a law that needs it: bodies/hand/joint; an angle that is missing or old ends the commands",
+    )
     compensation: Literal["reference", "measured"] = Field(
         "reference",
         description="state at which the model's forces are evaluated: measured, as the proof requires, or "

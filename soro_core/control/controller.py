@@ -24,8 +24,6 @@ from soro_core.control.laws.guard import refused
 from soro_core.control.laws.limit_cycle import AskedForce, no_limit_cycle, scaled_feedback, watch_of
 from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
-from soro_core.control.motions.motion import Planner
-from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
 from soro_core.control.nonuniform_strain import nonuniform_of
 from soro_core.control.pressures.actuation import (
@@ -161,6 +159,7 @@ class Controller(GivenReferences):
         certainty: Certainty | None = None,
         between: Callable[[], None] = lambda: None,
         seen: Sequence[StampedPosition] = (),
+        joint_rad: float | None = None,
     ) -> tuple[ControllerState, Command]:
         """Return the command for the state (q, qd) at time `t`.
 
@@ -184,6 +183,8 @@ class Controller(GivenReferences):
             tick.
         seen : sequence of StampedPosition
             What sensors have seen since the last tick: the probe judges the stamps.
+        joint_rad : float or None
+            Measured angle of the joint of `config.joint`.
 
         Returns
         -------
@@ -205,7 +206,7 @@ class Controller(GivenReferences):
             return self._probed(self.probe.step(state.probe, sample, between), state)
         else:
             try:
-                return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference, certainty)
+                return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference, certainty, joint_rad)
             except (SoroError, np.linalg.LinAlgError) as error:
                 failure = f"no command: {error}"
         return self._held(state, failure)
@@ -220,6 +221,7 @@ class Controller(GivenReferences):
         measured_pressure_pa: Array,
         reference: Reference | None,
         certainty: Certainty | None,
+        joint_rad: float | None = None,
     ) -> tuple[ControllerState, Command]:
         measured = np.asarray(measured_pressure_pa, dtype=np.float64)
         if measured.shape != (self.arm.n_u,) or not all_finite(measured):
@@ -263,6 +265,7 @@ class Controller(GivenReferences):
             pressure_pa=measured,
             saturated=state.saturated,
             external=self.force_loop.told(force),
+            joint_rad=joint_rad,
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:
@@ -389,11 +392,3 @@ class Controller(GivenReferences):
         """Hold the last set points and say why."""
         named, learned = partial(self.law.estimates, state.law), self.law.learned(state.law)
         return state, held_command(self.arm, state, named, learned, failure)
-
-    def planner(self, state: ControllerState, dt: float) -> Planner:
-        """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""
-        lookout = partial(self.lookout, state.law)
-        supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
-        own = self.arm.robot.tip_mass
-        load_kg = self.law.estimates(state.law).get("tip_mass", own) - own
-        return Planner(supply, self.bounds, self.config, dt, lookout, load_kg)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from soro_core.control.force.press_checks import LARGEST_N, check_cap, check_for
 from soro_core.control.laws.protocol import Law
 from soro_core.control.motions.learned_elongation import ElongationChoice
 from soro_core.control.motions.lookout import Lookout, keep_clear
+from soro_core.control.motions.motion import Planner
 from soro_core.control.motions.pressure_feasibility import pressure_supply
 from soro_core.control.motions.references import key_of, tip_reference, trajectory_reference
 from soro_core.control.motions.resting_shape import resting_shape
@@ -267,6 +269,14 @@ class GivenReferences:
         if before is not None:  # it touches something perhaps, and does not begin
             return Press(q, push / size, size, before.zero_n)
         return Press(q, push / size, size, felt.force_n.copy() if config.tare else np.zeros(3))
+
+    def planner(self, state: ControllerState, dt: float) -> Planner:
+        """Return what plans motions along paths with the estimates of now; `dt` [s] of the loop."""
+        lookout = partial(self.lookout, state.law)
+        supply = pressure_supply(self.law, state.law, state.creep, self.setpoints)
+        own = self.arm.robot.tip_mass
+        load_kg = self.law.estimates(state.law).get("tip_mass", own) - own
+        return Planner(supply, self.bounds, self.config, dt, lookout, load_kg)
 
     def lookout(self, law_state: object, start: Array) -> Lookout | None:
         """Return what looks out for the obstacles that the robot file knows; None where it knows none.

@@ -107,6 +107,10 @@ _NAMES = {
     "RigidBody.inertia": "kgm2",
     "Hinge.stiffness": "Nm/rad",
     "Hinge.damping": "Nms/rad",
+    "HingeDrive.stiffness": "Nm/rad",
+    "HingeDrive.damping": "Nms/rad",
+    "CounterbalanceSettings.stiffness": "Nm/rad",
+    "CounterbalanceSettings.damping": "Nms/rad",
     **dict.fromkeys(
         (f"{one}.stiffness" for one in ("Surface", "Plane", "Sphere", "Wall", "TipConstraint")), "N/m"
     ),

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from soro_core.arrays import Array
 from soro_core.bodies import BodyWorld, RigidBody, WorldResult, WorldState, WorldStepper
+from soro_core.bodies.body import HingeDrive
+from soro_core.errors import ModelError
+from soro_core.integrate.state import State
 from soro_core.twin.twin import Twin, TwinState
 
 # Longest step of arms that touch bodies [s].
@@ -30,11 +33,14 @@ class BodyTick:
         What has led to it; None at the start.
     names : tuple of str
         Of the bodies.
+    efforts : mapping of str to float
+        Torques of who drives a hinged body [N m], within the tick.
     """
 
     state: WorldState
     result: WorldResult | None
     names: tuple[str, ...]
+    efforts: Mapping[str, float] = field(default_factory=dict)
 
     @cached_property
     def pushes(self) -> dict[tuple[str, str], tuple[Array, Array, float]]:
@@ -69,6 +75,10 @@ class BodyTick:
         return force, torque - np.cross(point, force)
 
 
+def _straight(arm: State) -> State:
+    return State(*map(np.zeros_like, (arm.q, arm.qd, arm.internal)))
+
+
 class TwinBodies:
     """Bodies, and the plants of twins that touch them.
 
@@ -78,26 +88,43 @@ class TwinBodies:
     twins : mapping of str to Twin
         Of each arm by its name, with a `bodies_file`.
     states : sequence of TwinState
-        Of the twins at the start.
+        Of the twins, each at rest.
 
     Raises
     ------
     ModelError
-        If surfaces overlap at the start, or an arm cannot be one of a world.
+        If surfaces overlap at the start, an arm cannot be one of a world, or a drive is too stiff for a tick.
     """
 
     def __init__(
         self, bodies: Mapping[str, RigidBody], twins: Mapping[str, Twin], states: Sequence[TwinState]
     ) -> None:
         self._twins = twins
+        holding = {body.attached.arm or next(iter(twins)) for body in bodies.values() if body.attached}
+        self.begins = tuple(
+            replace(state, arm=_straight(state.arm)) if name in holding else state
+            for name, state in zip(twins, states, strict=True)
+        )
+        """States of the twins at the start: an arm that holds a body is straight, as its file places it."""
         world = BodyWorld(
             bodies,
             {name: twin.plant.arm for name, twin in twins.items()},
-            {name: state.arm.q for name, state in zip(twins, states, strict=True)},
+            {name: state.arm.q for name, state in zip(twins, self.begins, strict=True)},
         )
         step_s = min(STEP_S, *(twin.config.step_s for twin in twins.values()))
         self._stepper = WorldStepper(world, step_s)
         self._dt = min(twin.dt for twin in twins.values())
+        self._driven: dict[str, tuple[int, Array, HingeDrive]] = {}
+        for number, (name, body) in enumerate(bodies.items()):
+            if body.hinge is not None and (drive := body.hinge.drive) is not None:
+                axis, _, inertia = body.about_hinge()
+                if inertia < (least := drive.least_inertia(self._dt)):
+                    raise ModelError(
+                        f"body {name}: its drive is too stiff for ticks of {1e3 * self._dt:g} ms; allowed "
+                        f"are drives whose tick (damping + tick stiffness), here {least:.2g} kg m2, is at "
+                        f"most the inertia about the hinge, {inertia:.2g} kg m2"
+                    )
+                self._driven[name] = number, axis, drive
         self.names = tuple(bodies)
         """Names of the bodies."""
         self.now = BodyTick(self._stepper.initial_state(), None, self.names)
@@ -118,8 +145,13 @@ class TwinBodies:
             for name, start, end in zip(self._twins, before, behind, strict=True)
         }
         t = max(next(iter(self._twins.values())).since(before[0]), _BEFORE_S)
-        result = self._stepper.step(replace(self.now.state, arms=arms), ways, self._dt, t)
-        self.now = BodyTick(WorldState.last_of(result), result, self.names)
+        efforts = self._efforts(t)
+        turned = {
+            name: np.concatenate((torque * self._driven[name][1], np.zeros(3)))
+            for name, torque in efforts.items()
+        }
+        result = self._stepper.step(replace(self.now.state, arms=arms), ways, self._dt, t, turned)
+        self.now = BodyTick(WorldState.last_of(result), result, self.names, efforts)
         return [
             replace(
                 state,
@@ -129,3 +161,11 @@ class TwinBodies:
             )
             for name, state in zip(self._twins, behind, strict=True)
         ]
+
+    def _efforts(self, t: float) -> dict[str, float]:
+        """Return the torques [N m] of those who drive hinged bodies, from a time [s] on for a tick."""
+        efforts = {}
+        for name, (number, _, drive) in self._driven.items():
+            angle, rate = self.now.state.angle[number]
+            efforts[name] = drive.torque(t, float(angle), float(rate))
+        return efforts

@@ -41,9 +41,9 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     data.setdefault("name", path.stem)
     if "/" in str(data["name"]):
         raise ConfigError(str(path), "name", data["name"], "lower-case letters, digits and _")
-    if data.get("arms"):
-        return _of_arms(data, str(path))
-    return _of_one_arm(data, str(path))
+    scene = (_of_arms if data.get("arms") else _of_one_arm)(data, str(path))
+    _check_joints(scene, str(path))
+    return scene
 
 
 def _of_one_arm(data: dict[str, Any], where: str) -> Scene:
@@ -62,6 +62,17 @@ def _of_one_arm(data: dict[str, Any], where: str) -> Scene:
             allowed = f"one of {', '.join(platform.chamber_names)}"
             raise ConfigError(where, f"faults[{number}].chamber", fault.chamber, allowed)
     return scene
+
+
+def _check_joints(scene: Scene, where: str) -> None:
+    """Refuse a joint in lockstep that the scene has not: each tick would wait for it."""
+    place = f"/{scene.name}/" if scene.arms else ""
+    hinged = [name for name, body in scene.bodies.items() if body.hinge is not None]
+    joints = [f"{place}bodies/{name}/joint" for name in hinged]
+    for arm in scene.each:
+        if scene.mode == "lockstep" and arm.controller.joint not in ("", *joints):
+            allowed = f"in lockstep that of a hinged body: {', '.join(joints) or 'the scene has none'}"
+            raise ConfigError(where, "controller.joint", arm.controller.joint, allowed)
 
 
 def _of_arms(data: dict[str, Any], where: str) -> Scene:

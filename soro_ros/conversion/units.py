@@ -6,7 +6,7 @@ import re
 
 # End of the topic, path in the message, unit. The first that fits counts.
 _CHAMBERS = r"/(chambers/(command|state)|truth/chambers)"
-_STATES = r"/(arm|truth)/state"
+_STATES, _JOINT = r"/(arm|truth)/state", r"/bodies/[^/]+/joint"
 _CURVED, _PLAIN = r"\.[^.]*(bending|torsion)[^.]*", r"\.[^.]*(elongation|shear)[^.]*"
 _RULES = (
     (_CHAMBERS, r"effort\..+", "pa"),
@@ -16,6 +16,9 @@ _RULES = (
     (_STATES, "velocity" + _PLAIN, "per_s"),
     (_STATES, "effort" + _CURVED, "j_m"),
     (_STATES, "effort" + _PLAIN, "j"),
+    (_JOINT, r"position\..+", "rad"),
+    (_JOINT, r"velocity\..+", "rad_s"),
+    (_JOINT, r"effort\..+", "n_m"),
     (r"/sensors/length", r"position\..+", "m"),
     ("", r"(.+\.)?(position|translation)\.[xyz]", "m"),
     ("", r"(.+\.)?angular_velocity\.[xyz]", "rad_s"),
@@ -34,6 +37,7 @@ _SHOWN = {
     "j_m": "J m",
     "j": "J",
     "m": "m",
+    "rad": "rad",
     "rad_s": "rad/s",
     "m_s2": "m/s²",
     "m_s": "m/s",

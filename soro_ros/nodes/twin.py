@@ -140,20 +140,20 @@ class TwinNode(SoroNode[TwinConfig]):
         bodies = load_bodies(config.bodies_file)
 
         def build() -> None:
-            self._world.bodies = TwinBodies(bodies, twins, [arm.state for arm in arms])
+            self._world.bodies = world = TwinBodies(bodies, twins, [arm.state for arm in arms])
+            for arm, state in zip(arms, world.begins, strict=True):
+                arm._mates, arm.state = arms, state
 
         try:
             self.compile(build)
         except ModelError as error:
             found, _, allowed = str(error).partition("; allowed are ")
             raise ConfigError("scene", "bodies", found, allowed or "a world that can be") from None
-        for arm in arms:
-            arm._mates = arms
         place = arms[0].get_namespace()
         arms[0]._bodies = BodyTopics(
             arms[0],
             place.rpartition("/")[0] if several else place,
-            list(bodies),
+            bodies,
             profile,
             config.frames.world,
         )

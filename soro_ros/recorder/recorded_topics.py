@@ -50,6 +50,8 @@ def _of_bodies(scene: Scene, kept: str) -> list[str]:
     kinds = ("pose", "geometry_msgs/msg/PoseStamped"), ("wrench", "geometry_msgs/msg/WrenchStamped")
     place = f"/{scene.name}/bodies"
     topics = [f"{place}/{name}/{topic} {kind}{kept}" for name in scene.bodies for topic, kind in kinds]
+    joints = [name for name, body in scene.bodies.items() if body.hinge is not None]
+    topics += [f"{place}/{name}/joint sensor_msgs/msg/JointState{kept}" for name in joints]
     return [*topics, f"{place}/contacts sensor_msgs/msg/JointState{kept}"]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -34,7 +35,7 @@ from soro_ros.ticks.control_report import ControlReport
 from soro_ros.topics.motion_job import REPLACED, WRENCH
 from soro_ros.topics.motion_topic import MotionTopic
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
-from soro_ros.topics.tick_inputs import TickInputs, unusable
+from soro_ros.topics.tick_inputs import TickInputs, unusable, unusable_joint
 
 # What is learned is told again after this time: the filter forgets it after five times as long.
 _TELL_AGAIN_NS = 20_000_000
@@ -98,7 +99,12 @@ class ControllerTicks:
         self._zero_ns = 0
         self.forget()
         self._inputs = TickInputs(
-            self._lockstep, len(self._names), self.controller.law.learns, config.state_age_s, config.hand
+            self._lockstep,
+            len(self._names),
+            self.controller.law.learns,
+            config.state_age_s,
+            config.hand,
+            bool(config.control.joint),
         )
         self._frames = config.frames.within(source.rpartition("/")[0])
         self.motions = MotionTopic(
@@ -124,6 +130,8 @@ class ControllerTicks:
             WRENCH: Input(WrenchStamped, self._on_wrench, qos.reference),
             **self.motions.inputs,
         }
+        if config.control.joint:
+            self.inputs = {**self.inputs, config.control.joint: Input(JointState, self._on_joint, qos.loop)}
 
     def warm_up(self) -> None:
         """Run ticks and references once without output: imports and compilation take longer than a tick."""
@@ -210,6 +218,11 @@ class ControllerTicks:
         self._inputs.add_certainty(messages.to_ns(message.header.stamp), certainty)
         self._process()
 
+    def _on_joint(self, message: JointState) -> None:
+        angle_rad = message.position[0] if message.position else math.nan
+        self._inputs.add_joint(messages.to_ns(message.header.stamp), angle_rad)
+        self._process()
+
     def _on_trajectory(self, message: JointTrajectory) -> None:
         if message.points or not self._config.hand:
             make = partial(references.trajectory, self.controller, self.state, message)
@@ -269,7 +282,12 @@ class ControllerTicks:
             self._tick(*found)
 
     def _tick(
-        self, message: JointState, stamp_ns: int, reading: np.ndarray, certainty: Certainty | None
+        self,
+        message: JointState,
+        stamp_ns: int,
+        reading: np.ndarray,
+        certainty: Certainty | None,
+        joint: tuple[int, float] | None,
     ) -> None:
         if self._lockstep and 0 < round(1e9 * self._config.duration_s) < stamp_ns - self._probed_ns:
             self.enabled = False
@@ -285,6 +303,8 @@ class ControllerTicks:
             return
         start_s = time.monotonic()
         failure = self._unusable(message, stamp_ns)
+        if (topic := self._config.control.joint) and not failure:
+            failure = unusable_joint(topic, joint, stamp_ns, self._config.state_age_s)
         if not failure:
             if self._epoch_ns is None:
                 self._epoch_ns, self._last_ns = stamp_ns, stamp_ns - round(1e9 / self._config.rate_hz)
@@ -298,9 +318,8 @@ class ControllerTicks:
                 StampedPosition(name, 1e-9 * (at_ns - epoch_ns), place) for name, at_ns, place in self._seen
             ]
             self._seen.clear()
-            self.state, command = self.controller.step(
-                self.state, q, qd, t, dt, reading, self._reference, certainty, self.stay_at_zero, seen
-            )
+            given = self._reference, certainty, self.stay_at_zero, seen, joint and joint[1]
+            self.state, command = self.controller.step(self.state, q, qd, t, dt, reading, *given)
             self._last_ns, failure = stamp_ns, command.status.message
             self._publish_learned(command.learned, stamp_ns)
         else:

@@ -13,6 +13,9 @@ from soro_core.arrays import Array
 from soro_core.control.laws import Certainty
 from soro_ros.conversion import messages
 
+# An angle beyond this is none [rad].
+_MOST_RAD = 100.0
+
 
 class TickInput(NamedTuple):
     """Messages of one tick.
@@ -25,12 +28,15 @@ class TickInput(NamedTuple):
     pressure_pa : ndarray (n_u,)
         Measured pressures [Pa gauge]; NaN while none has arrived.
     certainty : Certainty or None
+    joint : (stamp_ns, angle) or None
+        Newest angle of the measured joint [rad] and its time [ns], None before the first.
     """
 
     state: JointState
     stamp_ns: int
     pressure_pa: Array
     certainty: Certainty | None
+    joint: tuple[int, float] | None = None
 
 
 class TickInputs:
@@ -49,6 +55,8 @@ class TickInputs:
         Age [s] above which a covariance in real time is none.
     with_hand : bool
         Whether a tick in lockstep waits until a hand has said what it asks for then.
+    with_joint : bool
+        Whether a tick in lockstep waits for the angle of the measured joint.
     """
 
     def __init__(
@@ -58,10 +66,13 @@ class TickInputs:
         with_covariance: bool,
         covariance_age_s: float,
         with_hand: bool = False,
+        with_joint: bool = False,
     ) -> None:
         self._lockstep, self._n_u = lockstep, n_u
         self._with_covariance, self._covariance_age_s = with_covariance, covariance_age_s
         self._asked_ns = -1 if lockstep and with_hand else None
+        self._waits_for_joint = lockstep and with_joint
+        self._joints: deque[tuple[int, float]] = deque(maxlen=50)
         self._readings: deque[tuple[int, Array]] = deque(maxlen=50)
         self._states: deque[JointState] = deque(maxlen=1000)
         self._certainties: deque[tuple[int, Certainty | None]] = deque(maxlen=50)
@@ -77,6 +88,10 @@ class TickInputs:
     def add_certainty(self, stamp_ns: int, certainty: Certainty | None) -> None:
         """Add what the filter says of its estimate of a time [ns]; None: it has none."""
         self._certainties.append((stamp_ns, certainty))
+
+    def add_joint(self, stamp_ns: int, angle_rad: float) -> None:
+        """Add the measured angle of the joint at a time [ns]; NaN: there is none."""
+        self._joints.append((stamp_ns, angle_rad))
 
     def add_asked(self, stamp_ns: int) -> None:
         """Note the time [ns] of what a hand asks for."""
@@ -102,7 +117,17 @@ class TickInputs:
         reading, found = self._reading_at(stamp_ns), self._certainty_at(stamp_ns)
         if reading is None or (found is None and self._lockstep and self._with_covariance):
             return None
-        return TickInput(self._states.popleft(), stamp_ns, reading, None if found is None else found[1])
+        joint = self._joint_at(stamp_ns)
+        if joint is None and self._waits_for_joint:
+            return None
+        certainty = None if found is None else found[1]
+        return TickInput(self._states.popleft(), stamp_ns, reading, certainty, joint)
+
+    def _joint_at(self, stamp_ns: int) -> tuple[int, float] | None:
+        for found in reversed(self._joints):
+            if found[0] == stamp_ns or not self._lockstep:
+                return found
+        return None
 
     def _reading_at(self, stamp_ns: int) -> Array | None:
         for stamp, pressure in reversed(self._readings):
@@ -153,3 +178,25 @@ def unusable(
     if age_s < -limit_s:  # used, it would make all later ones old
         return f"arm/state is {-age_s:.3f} s in the future"
     return f"arm/state is {age_s:.3f} s old" if age_s > limit_s else ""
+
+
+def unusable_joint(topic: str, joint: tuple[int, float] | None, stamp_ns: int, limit_s: float) -> str:
+    """Return why the angle of a joint cannot be used, or an empty string.
+
+    Parameters
+    ----------
+    topic : str
+        Where it comes from.
+    joint : (stamp_ns, angle) or None
+        As in `TickInput`.
+    stamp_ns : int
+        Time of the tick [ns].
+    limit_s : float
+        The longest age allowed [s].
+    """
+    if joint is None:
+        return f"{topic} has not come yet"
+    if not abs(joint[1]) <= _MOST_RAD:  # what is not finite is not less
+        return f"{topic} has no angle; allowed: position[0] within {_MOST_RAD:g} rad of 0"
+    age_s = (stamp_ns - joint[0]) * 1e-9
+    return f"{topic} is {age_s:.3f} s old" if abs(age_s) > limit_s else ""

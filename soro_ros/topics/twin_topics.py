@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +23,7 @@ from soro_ros.topics.frame_check import FrameCheck
 from soro_ros.topics.ports import is_read
 
 if TYPE_CHECKING:  # a scene without bodies has none of their code
+    from soro_core.bodies import RigidBody
     from soro_core.twin.bodies import BodyTick
 
 
@@ -222,8 +223,7 @@ class BodyTopics:
         Owner of the topics.
     namespace : str
         Of the scene: ``/grasp_ball``.
-    names : sequence of str
-        Of the bodies.
+    bodies : mapping of str to RigidBody
     profile : QoSProfile
         Quality of service.
     world : str
@@ -231,9 +231,14 @@ class BodyTopics:
     """
 
     def __init__(
-        self, node: Node, namespace: str, names: Sequence[str], profile: QoSProfile, world: str
+        self, node: Node, namespace: str, bodies: Mapping[str, RigidBody], profile: QoSProfile, world: str
     ) -> None:
-        self._world, place = world, f"{namespace.rstrip('/')}/bodies"
+        self._world, place, names = world, f"{namespace.rstrip('/')}/bodies", list(bodies)
+        self._joints = {
+            name: (number, body.hinge, node.create_publisher(JointState, f"{place}/{name}/joint", profile))
+            for number, (name, body) in enumerate(bodies.items())
+            if body.hinge is not None
+        }
         self._poses = [node.create_publisher(PoseStamped, f"{place}/{name}/pose", profile) for name in names]
         self._wrenches = [
             node.create_publisher(WrenchStamped, f"{place}/{name}/wrench", profile) for name in names
@@ -241,7 +246,20 @@ class BodyTopics:
         self._contacts = node.create_publisher(JointState, f"{namespace.rstrip('/')}/{CONTACTS}", profile)
 
     def publish(self, now: BodyTick, stamp_ns: int) -> None:
-        """Publish poses, sums of contact forces about the centres, and the normal force of each contact."""
+        """Publish poses, joints, sums of contact forces about the centres, normal force of each contact.
+
+        A joint has the angle that its encoder tells, the true rate, and the torque of who drives it.
+        """
+        for name, (number, hinge, publisher) in self._joints.items():
+            if not is_read(publisher):
+                continue
+            angle, rate = now.state.angle[number].tolist()
+            if hinge.encoder_rad:
+                angle = hinge.encoder_rad * round(angle / hinge.encoder_rad)
+            message = JointState(name=[name], position=[angle], velocity=[rate])
+            message.effort = [now.efforts.get(name, 0.0)]
+            message.header.stamp = messages.to_time(stamp_ns)
+            publisher.publish(message)
         for b, name in enumerate(now.names):
             if is_read(self._poses[b]):
                 pose = np.eye(4)

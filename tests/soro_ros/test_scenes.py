@@ -47,6 +47,7 @@ def test_every_scene_is_listed_and_tested():
         "grasp_ball": "good",
         "two_arms_carry_a_bar": "good",
         "wrap_a_cylinder": "good",
+        "exoskeleton": "good",
         "contact_with_a_wall": "poor",
         "valve_fails": "vented",
     }

@@ -54,6 +54,8 @@ class ArmBelief:
         Chambers at a bound at the last tick.
     external : ExternalForce or None
         What pushes on the arm at its tip; None where it is not estimated.
+    joint_rad : float or None
+        Measured angle of the joint of `controller.joint`; None where there is none.
     """
 
     q: Array
@@ -64,6 +66,7 @@ class ArmBelief:
     pressure_pa: Array
     saturated: NDArray[np.bool_]
     external: ExternalForce | None = None
+    joint_rad: float | None = None
 
 
 @dataclass(frozen=True)

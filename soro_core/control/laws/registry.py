@@ -31,6 +31,7 @@ _HERE = "soro_core.control.laws"
 SHIPPED = {
     "adaptive": f"{_HERE}.adaptive:Adaptive",
     "composite": f"{_HERE}.composite:Composite",
+    "counterbalance": f"{_HERE}.counterbalance:CounterbalanceLaw",
     "computed_torque": f"{_HERE}.computed_torque:ComputedTorque",
     "tip_pid": f"{_HERE}.tip_pid:TipPid",
     "wrap": f"{_HERE}.wrap:Wrap",

@@ -11,6 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from soro_core.arrays import Array
+from soro_core.bodies.body import GRAVITY, RigidBody
 from soro_lab.scene import Scene
 from soro_ros.recordings.bodies.tracks import messages_of
 from soro_ros.recordings.report import last_s
@@ -18,7 +19,6 @@ from soro_ros.recordings.verdict import Verdict
 
 # A body that no arm has touched for longer than this is dropped [s]; a free one falls 49 mm in this time.
 _LET_GO_S = 0.1
-_GRAVITY = 9.81
 
 
 @dataclass(frozen=True)
@@ -35,12 +35,18 @@ class BodyFigures:
         Mean of the contact forces against its weight there, over the weight, minus 1; NaN of a hinged one.
     largest_normal_n : float
         Largest sum of the normal forces on it during a tick of the control.
+    effort_n_m : float
+        Torque of who drives a hinged body, RMS from the first time of its drive on.
+    effort_part : float
+        The same over the torque that the same motion takes where nothing else holds the body.
     """
 
     dropped: bool
     creep_m_s: float
     weight_balance: float
     largest_normal_n: float
+    effort_n_m: float = math.nan
+    effort_part: float = math.nan
 
     def to_dict(self) -> dict[str, Any]:
         """Return the figures by name; an unknown figure is None."""
@@ -65,6 +71,7 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
     kinds: dict[str, Any] = {control: PoseStamped, f"{place}/contacts": JointState}
     for name in wanted:
         kinds |= {f"{place}/{name}/pose": PoseStamped, f"{place}/{name}/wrench": WrenchStamped}
+        kinds |= {f"{place}/{name}/joint": JointState}
     rows = messages_of(bag, kinds)
     if not rows[control]:
         return {}
@@ -79,12 +86,13 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
     arms = {arm.prefix.rstrip("/") or "arm" for arm in scene.each}
     found = {}
     for name, body in wanted.items():
+        joint = [(1e-9 * (s - begin_ns), one) for s, one in between(f"{place}/{name}/joint", begin_ns)]
         own = [(s, {p: n for p, n in of.items() if name in p.split("/")}) for s, of in contacts]
         touched_ns = [stamp for stamp, of in own if any(arms & set(pair.split("/")) for pair in of)]
         since_s = 1e-9 * (own[-1][0] - touched_ns[-1]) if touched_ns else 0.0
         poses, pushes = between(f"{place}/{name}/pose", last_ns), between(f"{place}/{name}/wrench", last_ns)
         carried = np.array([force.force_of(one)[2] for _, one in pushes])
-        weight_n = math.nan if body.mass is None or body.hinge is not None else body.mass * _GRAVITY
+        weight_n = math.nan if body.mass is None or body.hinge is not None else body.mass * GRAVITY
         found[name] = BodyFigures(
             dropped=body.hinge is None and since_s > _LET_GO_S,
             # What an arm holds moves with it.
@@ -96,8 +104,21 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
             ),
             weight_balance=float(carried.mean()) / weight_n - 1.0 if carried.size else math.nan,
             largest_normal_n=max((sum(of.values()) for _, of in own), default=math.nan),
+            **_efforts(body, joint),
         )
     return found
+
+
+def _efforts(body: RigidBody, rows: list[tuple[float, Any]]) -> dict[str, float]:
+    """Return the figures of who drives a hinged body, from times of control [s] and joint states."""
+    if body.hinge is None or (drive := body.hinge.drive) is None:
+        return {}
+    driven = [(t, one.effort[0]) for t, one in rows if t >= drive.at_s[0]]
+    if not driven:
+        return {}
+    efforts, alone = [one for _, one in driven], [body.torque_alone(*drive(t)) for t, _ in driven]
+    effort, whole = (float(np.sqrt(np.mean(np.square(one)))) for one in (efforts, alone))
+    return {"effort_n_m": effort, "effort_part": effort / whole if whole else math.nan}
 
 
 def _speed(t: Array, places: Array) -> float:
@@ -114,7 +135,7 @@ def judge_bodies(figures: dict[str, BodyFigures]) -> Verdict:
 def table_of_bodies(figures: dict[str, BodyFigures]) -> Table:
     """Return the figures as a table for the terminal."""
     shown = Table(title="bodies")
-    for heading in ("", "dropped", "creep", "forces over weight - 1", "largest normal force"):
+    for heading in ("", "dropped", "creep", "forces over weight - 1", "largest normal force", "effort left"):
         shown.add_column(heading)
     for name, one in figures.items():
         shown.add_row(
@@ -123,5 +144,6 @@ def table_of_bodies(figures: dict[str, BodyFigures]) -> Table:
             "-" if math.isnan(one.creep_m_s) else f"{1e6 * one.creep_m_s:.3g} um/s",
             "-" if math.isnan(one.weight_balance) else f"{one.weight_balance:.2g}",
             f"{one.largest_normal_n:.3g} N",
+            "-" if math.isnan(one.effort_part) else f"{100.0 * one.effort_part:.3g} %",
         )
     return shown

@@ -14,7 +14,7 @@ from soro_core.bodies.counterbalance import (
     LimbMoments,
     limb_moments,
 )
-from soro_core.errors import ModelError
+from soro_core.errors import ConfigError, ModelError
 from soro_core.model.discretised import discretised
 from soro_core.robot import Discretisation
 
@@ -67,8 +67,9 @@ def test_the_weight_is_learned_while_the_limb_is_relaxed_and_frozen_then():
 
 def test_set_points_stay_in_their_range():
     law = Counterbalance(PLAIN, (15e3, 30e3))
+    held = CounterbalanceState(t_s=1.6)
     for angle, expected in ((1.0, 30e3), (-1.2, 15e3)):
-        _, setpoint = law.step(CounterbalanceState(), angle, 0.0, 0.0, 0.01)
+        _, setpoint = law.step(held, angle, 0.0, 0.0, 0.01)
         assert setpoint == expected
 
 
@@ -86,9 +87,27 @@ def test_the_hold_brings_a_limb_level_whichever_way_pressure_turns_it(side):
     assert angle == pytest.approx(0.1, abs=0.02)
 
 
+def test_a_limb_that_hangs_on_a_stop_is_lifted_and_not_thrown():
+    """The muscle turns it less the lower it hangs; its pressure rises by 200 kPa a second at most."""
+    law = Counterbalance(limb_moments(MUSCLE, WRIST, np.linspace(-0.8, 0.7, 31)), (0.0, 3e5))
+    stop, inertia, dt = 0.6, 4.3e-3, 2.5e-3
+    state, angle, rate, pressure, ways = CounterbalanceState(), 0.0, 0.0, 0.0, []
+    for _ in range(round(3.2 / dt)):
+        state, setpoint = law.step(state, angle, rate, pressure, dt)
+        pressure += min(max(setpoint - pressure, -200e3 * dt), 200e3 * dt)
+        without, per_pa = law.moments.at(angle)
+        rate += dt * (without + per_pa * pressure + 0.35 * math.cos(angle)) / inertia
+        angle = min(angle + dt * rate, stop)
+        rate = 0.0 if angle == stop else rate
+        ways.append(angle)
+    assert ways[100] > stop - 1e-3  # it has fallen, and hangs
+    assert min(ways[200:]) > -0.05
+    assert state.weight == pytest.approx(-0.35, rel=0.01)
+
+
 def test_the_hold_does_not_wind_up_at_a_bound():
-    law, state = Counterbalance(PLAIN, (0.0, 40e3)), CounterbalanceState()
-    for _ in range(150):
+    law, state = Counterbalance(PLAIN, (0.0, 40e3)), CounterbalanceState(t_s=1.6)
+    for _ in range(30):
         state, setpoint = law.step(state, 0.3, 0.0, 40e3, 0.01)
     assert setpoint == 40e3
     assert state.integral == 0.0
@@ -134,7 +153,7 @@ def test_moments_and_ranges_of_no_use_are_refused():
         Counterbalance(LimbMoments(PLAIN.angle_rad, np.array([0.0, math.nan]), PLAIN.per_pa), (0.0, 3e5))
     with pytest.raises(ModelError, match="from low to high"):
         Counterbalance(PLAIN, (3e5, 0.0))
-    with pytest.raises(ModelError, match="stiffness: got nan"):
+    with pytest.raises(ConfigError, match="stiffness: got nan"):
         CounterbalanceSettings(stiffness=math.nan)
 
 

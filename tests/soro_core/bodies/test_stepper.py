@@ -90,7 +90,7 @@ def test_a_motion_rests_at_each_place():
     ("keys", "said"),
     [
         ({"motion": {"at_s": [1.0], "displacement_m": [[0.0, 0.0, 0.0]]}, "mass": 1.0}, "beside fixed: true"),
-        ({"motion": {"at_s": [1.0], "displacement_m": []}, "fixed": True}, "not 1 times and 0 numbers"),
+        ({"motion": {"at_s": [1.0], "displacement_m": []}, "fixed": True}, "not 1 times and 0 rows"),
         ({"motion": {"at_s": [1.0, 0.5], "displacement_m": [0.0] * 6}, "fixed": True}, "that increase"),
     ],
 )

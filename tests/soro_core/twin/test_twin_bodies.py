@@ -1,11 +1,22 @@
 """Twins and bodies in one world: a tick of all of them is that of `simulate_world`."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from soro_core.bodies import BallShape, BodyWorld, BoxShape, RigidBody, simulate_world
+from soro_core.bodies import (
+    Attachment,
+    BallShape,
+    BodyWorld,
+    BoxShape,
+    Hinge,
+    RigidBody,
+    simulate_world,
+)
+from soro_core.bodies.body import HingeDrive
 from soro_core.config import with_changes
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, ModelError
 from soro_core.robot import load_robot
 from soro_core.twin import Twin, TwinConfig
 from soro_core.twin.bodies import BodyTick, TwinBodies
@@ -48,6 +59,50 @@ def test_the_arm_is_where_the_library_has_it(leaning):
     np.testing.assert_allclose(now.wrench("wall", np.zeros(3))[0], force, atol=1e-9)
     normal = now.pushes["arm", "wall"] if ("arm", "wall") in now.pushes else now.pushes["wall", "arm"]
     assert normal[2] == pytest.approx(whole.normal_force("wall")[-steps:].mean())
+
+
+def driven_hand(**keys):
+    """The twin of a muscle, and a hand that hangs on it."""
+    hand = RigidBody(
+        shape=BoxShape(size=[0.18, 0.08, 0.03]),
+        mass=0.4,
+        position=[0.09, 0.0, 0.0],
+        attached=Attachment(),
+        hinge=Hinge(
+            point=[0.0, 0.0, 0.0],
+            axis=[0.0, 1.0, 0.0],
+            drive=HingeDrive(at_s=[0.1], angle_rad=[0.3], **keys),
+        ),
+    )
+    return Twin(load_robot("wrist_muscle"), with_changes(CONFIG, robot="wrist_muscle")), hand
+
+
+def test_an_arm_that_holds_a_body_begins_straight_and_tells_who_drives_it():
+    """As its file places it: at rest a slender one has sunk, and would hold the body elsewhere."""
+    twin, hand = driven_hand()
+    at_rest = replace(twin.initial(), start_tick=0)
+    assert np.abs(at_rest.arm.q).max() > 0.1
+    bodies = TwinBodies({"hand": hand}, {"arm": twin}, [at_rest])
+    (state,) = bodies.begins
+    np.testing.assert_array_equal(state.arm.q, 0.0)
+    joint = twin.plant.arm.pose(state.arm.q, twin.length)[:3, 3]
+    efforts, apart = [], 0.0
+    for _ in range(60):
+        (state,) = bodies.move([state], [twin.step_pressures(state, np.array([40e3]))])
+        efforts.append(bodies.now.efforts["hand"])
+        tip = twin.plant.arm.pose(state.arm.q, twin.length)[:3, 3]
+        lever = bodies.now.state.rotation[0].T @ (tip - bodies.now.state.place[0])
+        apart = max(apart, float(np.linalg.norm(lever - (joint - hand.position))))
+    assert apart < 5e-4  # the tip stays where it holds the hand
+    assert efforts[:20] == [0.0] * 20
+    assert 0.5 < efforts[20] < 8.0 * 0.3 + 0.5
+    assert abs(efforts[-1]) < 0.1  # the muscle bears most of it
+
+
+def test_a_drive_that_would_ring_is_refused():
+    twin, hand = driven_hand(stiffness=1e3)
+    with pytest.raises(ModelError, match="body hand: its drive is too stiff for ticks of 5 ms"):
+        TwinBodies({"hand": hand}, {"arm": twin}, [twin.initial()])
 
 
 def test_the_true_force_on_the_arm_is_that_of_the_bodies(leaning):

@@ -12,6 +12,7 @@ from soro_core.errors import ConfigError
 from soro_lab.scene import check_scene, load_scene, require_one_arm
 
 BALL = {"shape": {"kind": "ball", "radius": "16 mm"}, "mass": "30 g", "position": [0.0, 0.0, 0.1]}
+HINGE = {"point": [0.0, 0.0, 0.3], "axis": [0.0, 1.0, 0.0]}
 FLOOR = {"shape": {"kind": "ground"}, "fixed": True}
 
 
@@ -64,6 +65,18 @@ def test_bodies_are_those_of_the_scene_and_of_no_arm(scene_of):
             "arms.right: twin: .*no wall",
         ),
         ({"ball": BALL}, {"arms": {"left": {"bodies": {"ball": BALL}}}}, "arms.left.bodies: .*at the top"),
+        ({"door": {**BALL, "hinge": {**HINGE, "drive": {}}}}, {}, "bodies.door.hinge.drive: .*one or more"),
+        (
+            {"door": {**BALL, "hinge": {**HINGE, "drive": {"at_s": [1.0, 1.0], "angle_rad": [0.0, 0.1]}}}},
+            {},
+            "bodies.door.hinge.drive: .*that increase",
+        ),
+        (
+            {"door": {**BALL, "hinge": HINGE}},
+            {"controller": {"joint": "bodies/window/joint"}},
+            "controller.joint: .*bodies/door/joint",
+        ),
+        ({"ball": BALL}, {"controller": {"joint": "bodies/ball/joint"}}, "controller.joint: .*has none"),
     ],
 )
 def test_wrong_bodies_are_refused_in_one_line(scene_of, bodies, keys, said):

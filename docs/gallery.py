@@ -138,7 +138,10 @@ def section(scene: Scene, figures: dict[str, Any]) -> str:
     result = f"`{figures['verdict']}`"
     arms = figures.get("arms", {"": figures})
     errors = [one.get("tip_error_last_rms_m") for one in arms.values()]
-    if figures["verdict"] == "good" and None not in errors:
+    bodies = figures.get("bodies", {}).values()
+    if left := [one["effort_part"] for one in bodies if one.get("effort_part") is not None]:
+        result += f": {max(left):.1%} of the wearer's torque left"
+    elif figures["verdict"] == "good" and None not in errors:
         error = max(errors)
         part = error / scene.each[errors.index(error)].loaded_robot.length
         result += f": {1e3 * error:.2f} mm, {part:.1%}"
@@ -152,6 +155,8 @@ def section(scene: Scene, figures: dict[str, Any]) -> str:
 def main(names: Sequence[str] = ()) -> None:
     """Run, draw and write; of given scenes alone, and the others stay."""
     PICTURES.mkdir(parents=True, exist_ok=True)
+    if unknown := set(names) - {scene.name for scene in scenes_in(shipped_folder()).scenes}:
+        sys.exit(f"{', '.join(sorted(unknown))}: no shipped scene; `soro scenes` names them")
     written = {text.split("\n", 1)[0]: f"## {text}" for text in PAGE.read_text("utf-8").split("\n## ")[1:]}
     parts = [HEADER]
     with tempfile.TemporaryDirectory() as folder:

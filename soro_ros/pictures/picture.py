@@ -13,6 +13,7 @@ from soro_ros.pictures import panels
 from soro_ros.pictures.panels import MOST_NAMES, Panel, View, mark
 from soro_ros.recordings import shadow_report
 from soro_ros.recordings.recording import RunRecording
+from soro_ros.recordings.report import law_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -47,9 +48,8 @@ def draw(recording: RunRecording, scene: Scene, file: Path) -> None:
     ends_s = [float(one.t[-1]) for one in (recording.reading, recording.true_tip) if one.t.size]
     end_s = max(ends_s, default=scene.duration_s)  # behind control, when the arm rests
     view = View(recording, scene, 0.0, end_s, "measured" if scene.arm == "real" else "true")
-    adaptation = "on" if scene.controller.adapt else "off"
     what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"
-    title = f"{scene.name}: {Path(scene.robot).name}, {what}, adaptation {adaptation}"
+    title = f"{scene.name}: {Path(scene.robot).name}, {what}, {law_of(scene)}"
     chosen = (*_RUN, panels.FORCE) if panels.is_pushed(view) else _RUN
     figure = picture(chosen, view, title)
     figure.savefig(file, dpi=110)

@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from soro_core.arrays import Array
+from soro_core.control.laws.registry import find_law
 from soro_core.control.pressures import actuation
 from soro_lab.scene import Scene
 from soro_ros.recordings import shadow_report
@@ -295,13 +296,24 @@ def title_of(scene: Scene) -> str:
     return f"{scene.name}: {real}{robot} on {platform}, {scene.mode}"
 
 
+def is_adapting(scene: Scene) -> bool:
+    """Whether the law of a scene adapts itself to the arm."""
+    return scene.controller.adapt and find_law(scene.controller.law).can_adapt
+
+
+def law_of(scene: Scene) -> str:
+    """Return the name of the law, and whether it adapts, if it can."""
+    law = scene.controller.law
+    return f"{law}, adaptation {'on' if is_adapting(scene) else 'off'}" if find_law(law).can_adapt else law
+
+
 def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
     """Return the figures with their names, as texts."""
     start, last = scene.controller.reference.start_s, f"last {last_s(scene):g} s"
-    adapting = " (while adapting)" if scene.controller.adapt else ""
+    adapting = " (while adapting)" if is_adapting(scene) else ""
     return [
         *_verdict(summary),
-        ("adaptation", "on" if scene.controller.adapt else "off"),
+        ("law", law_of(scene)),
         ("under control", f"{summary.duration_s:.2f} of {scene.duration_s:g} s"),
         (f"tip error RMS, {start:g} to {start + WINDOW_S:g} s{adapting}", _mm(summary.tip_error_first_rms_m)),
         (f"tip error RMS, {last}", _mm(summary.tip_error_last_rms_m)),

@@ -234,6 +234,10 @@ def test_faults_of_another_arm_are_not_this_one_s():
 def test_without_adaptation_the_report_leaves_it_out():
     found = rows(20.0, controller__adapt=False)
     assert found[FIRST] == "2.00 mm"
+    assert found["law"] == "composite, adaptation off"
+    assert rows(20.0)["law"] == "composite, adaptation on"
+    assert rows(20.0, controller__law="tip_pid")["law"] == "tip_pid"
+    assert FIRST in rows(20.0, controller__law="tip_pid")  # nothing adapts meanwhile
 
 
 def test_injected_faults_and_trips_are_separate_rows():

@@ -25,6 +25,8 @@ class AdaptiveState:
 class Adaptive(Law[AdaptiveState]):
     """Desired compensation with parameters that follow the tracking error; its keys stand beside `law`."""
 
+    can_adapt = True
+
     def __init__(self, setting: Setting, options: LawOptions) -> None:
         self.setting, self.config = setting, setting.config
         self.parameters = ParameterSet(setting.arm, self.config.adaptation, pieces=setting.pieces)

@@ -83,6 +83,7 @@ class CompositeState:
 class Composite(Law[CompositeState]):
     """Desired compensation with one learned force for law and filter."""
 
+    can_adapt = True
     Options = CompositeOptions
     learns = True
     observes_regulators = True

@@ -221,6 +221,8 @@ class Law(ABC, Generic[State]):
     Options: ClassVar[type[LawOptions]] = LawOptions
     # Whether it has a learned model for the filter, which then waits for it in lockstep.
     learns: ClassVar[bool] = False
+    # Whether it adapts itself to the arm, unless `adapt` is false.
+    can_adapt: ClassVar[bool] = False
     # Whether the bias of each regulator is observed and taken off its command.
     observes_regulators: ClassVar[bool] = False
     # Factors on automatic K_p and K_d: of elongation and shear, of bending and torsion.

@@ -149,6 +149,8 @@ def fuse(arm: FilterArm, sample: SampleValues, gated: bool, belief: Belief, out:
     reported[NIS_OF_POSITION] = math.nan
     if sample.kind == POSE:
         reported[NIS_OF_POSITION] = _distance(3, w.innovation, w.factors, w.pivots, w.residual, w.solved)
+    if reported[NIS] < 0.0:
+        return FAILED  # a covariance that rounding has made indefinite: its gain would have the wrong sign
     if gated and not reported[NIS] <= s.gates[count]:
         return OUTLIER
     assign(prior, mean)

@@ -9,9 +9,10 @@ from soro_core.config import find_config, parse
 from soro_core.estimation import EstimatorConfig, PoseSample
 from soro_core.estimation.filter import Filter
 from soro_core.estimation.kernel.advance import ESTIMATE
-from soro_core.estimation.kernel.update import FUSED
+from soro_core.estimation.kernel.update import FAILED, FUSED
 from soro_core.estimation.learned_input import LearnedInput
 from soro_core.integrate import State, make_stepper
+from soro_core.rotation import quaternion_from_matrix
 
 pytestmark = pytest.mark.numerics
 
@@ -212,6 +213,19 @@ def test_one_update_is_that_of_the_textbook():
         rtol=1e-9,
         atol=1e-12,
     )
+
+
+def test_a_covariance_that_is_not_positive_begins_anew():
+    """Rounding under large process noise can make one; its gain would move the mean away from the sample."""
+    filter_ = Filter(SoftArm(ROBOT), CONFIG)
+    started = belief_of(filter_)
+    bad = started._replace(covariance=-started.covariance)
+    pose = filter_.arm.pose(Q + 1e-3, ROBOT.length)
+    sample = PoseSample(0.0, pose[:3, 3], quaternion_from_matrix(pose[:3, :3]), ROBOT.length)
+    after = filter_.advance(bad, P, 0.0, LearnedInput(), sample)
+    assert (after.nis < 0.0, after.outcome) == (True, FAILED)
+    np.testing.assert_array_equal(after.belief.covariance, filter_.settings.initial)
+    np.testing.assert_array_equal(after.belief.mean, 0.0)
 
 
 @pytest.mark.parametrize("mass", [0.0, 0.02])

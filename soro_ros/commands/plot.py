@@ -172,7 +172,7 @@ def _all(
 
     opened = open_run(run, arm, scene, start, end, notes.append)
     shown = []
-    for panel in panels.ALL:
+    for panel in panels.panels_of(opened.view):
         if panel.known(opened.view):
             shown.append(panel)
         else:

@@ -231,6 +231,17 @@ def draw_force(axis: Any, view: View) -> None:
     axis.set(ylabel="force on the tip [mN]")
 
 
+def draw_joint(axis: Any, view: View) -> None:
+    """Draw the angle of a hinged body, and the torque of who drives it on an axis of its own."""
+    series = view.shown(view.recording.joint)
+    axis.plot(series.t, np.degrees(series.value[:, 0]), color="C0", lw=1.0, label=f"{series.names[0]}, angle")
+    axis.set(ylabel="angle [deg]")
+    right = axis.twinx()
+    right.plot(series.t, series.value[:, 1], color="C1", lw=1.0)
+    axis.plot([], [], color="C1", lw=1.0, label="torque")
+    right.set(ylabel="torque [N m]")
+
+
 def _shade_stages(axis: Any, doubt: TopicSeries) -> None:
     """Shade the times of an outside force and of a contact."""
     for name, alpha in zip(STAGES[1:], (0.1, 0.22), strict=True):
@@ -333,4 +344,15 @@ FORCE = Panel(
     lambda view: view.recording.estimated_force.t.size + view.recording.true_force.t.size > 1,
     draw_force,
 )
+JOINT = Panel(
+    "joint: angle, and torque of who drives it (right)",
+    "bodies/NAME/joint",
+    lambda view: view.recording.joint.t.size > 1,
+    draw_joint,
+)
 ALL = (PATH, ERROR, PRESSURES, TIP, CURVATURES, STRETCHES, ESTIMATES, FORCE)
+
+
+def panels_of(view: View) -> tuple[Panel, ...]:
+    """Return the panels of a recording: all, and that of a joint where there is one."""
+    return (*ALL, JOINT) if view.recording.joint.t.size else ALL

@@ -51,6 +51,8 @@ def draw(recording: RunRecording, scene: Scene, file: Path) -> None:
     what = "real arm" if scene.arm == "real" else f"payload {_payload(scene)}"
     title = f"{scene.name}: {Path(scene.robot).name}, {what}, {law_of(scene)}"
     chosen = (*_RUN, panels.FORCE) if panels.is_pushed(view) else _RUN
+    if recording.joint.t.size:
+        chosen = (*chosen, panels.JOINT)
     figure = picture(chosen, view, title)
     figure.savefig(file, dpi=110)
     pyplot.close(figure)

@@ -111,7 +111,7 @@ def _pictures(run: OpenRun) -> Iterator[Block]:
     import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    for panel in panels.ALL:
+    for panel in panels.panels_of(run.view):
         if not panel.known(run.view):
             yield Words(f"Not recorded: {panel.topics} ({panel.title}).", kind="soft")
             continue

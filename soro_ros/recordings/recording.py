@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -33,6 +34,8 @@ if TYPE_CHECKING:  # a run without ROS is a recording too
 SHOWN = ("chambers/state", "chambers/command", "arm/state", "arm/tip", "arm/desired/tip", "truth/tip")
 _LATCH = "chambers/latch"
 _AXIS = "truth/tip axis"
+# Of a hinged body: angle of the encoder, rate, torque of who drives it.
+_JOINT = re.compile(r"bodies/[^/]+/joint")
 _USED = {
     *SHOWN,
     _LATCH,
@@ -84,7 +87,8 @@ class RunRecording:
     `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
     are the coordinates of the plant and those of the estimator. Forces (n, 3) [N] are those on the arm at its
     tip; `force_doubt` has the stage of contact and the covariance by name, `tip_axis` the direction of the
-    backbone at the true tip. `said` has the changes of what the nodes say.
+    backbone at the true tip. `joint` has the angle [rad] of a hinged body and the `effort` of who drives it
+    [N m]; of several, that with most messages. `said` has the changes of what the nodes say.
     `problems` are lines on what is damaged, or cannot be read and is left out.
     """
 
@@ -108,6 +112,7 @@ class RunRecording:
     configured_tip: TopicSeries = EMPTY
     force_doubt: TopicSeries = EMPTY
     tip_axis: TopicSeries = EMPTY
+    joint: TopicSeries = EMPTY
     events: tuple[Event, ...] = ()
     said: tuple[NodeStatus, ...] = ()
     problems: tuple[str, ...] = ()
@@ -132,6 +137,10 @@ class Spans:
         now = item.log_time_ns
         first, last, gap = self.of.get(item.topic, (now, now, 0))
         self.of[item.topic] = first, now, max(gap, now - last)
+
+
+def _is_used(name: str) -> bool:
+    return name in _USED or bool(_JOINT.fullmatch(name))
 
 
 def with_fault(faults: tuple[str, ...], error: str) -> tuple[str, ...]:
@@ -176,8 +185,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
     wanted = {
         topic.name
         for topic in reader.topics
-        if topic.type in types
-        and (topic.name == "/diagnostics" or topic.name in {prefix + name for name in _USED})
+        if topic.type in types and (topic.name == "/diagnostics" or _is_used(topic.name.removeprefix(prefix)))
     }
     kinds = {topic.name: types[topic.type] for topic in reader.topics if topic.name in wanted}
     messages_of = Messages(reader, kinds)
@@ -200,6 +208,8 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         if isinstance(message, JointState):
             values = list(message.effort if name.startswith("chambers") else message.position)
             names = tuple(message.name)
+            if _JOINT.fullmatch(name):
+                name, names, values = "joint", (*names, "effort"), [*values, *message.effort]
             # What has no values has no column.
             if not values or len(values) != len(names):
                 continue
@@ -259,6 +269,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         wanted_force=series("arm/desired/wrench"),
         configured_tip=series("arm/configured/tip"),
         force_doubt=doubt,
+        joint=series("joint"),
         tip_axis=series(_AXIS),
         events=under_control(events, end_s),
         said=statuses_of(said, time_of),

@@ -9,6 +9,7 @@ from sensor_msgs.msg import JointState
 from soro_core.config import with_changes
 from soro_lab.scene import load_scene
 from soro_ros.conversion import messages
+from soro_ros.recordings.recording import read
 from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.topics.ports import NodeOutputs
 from tests.soro_ros.running import run, summary
@@ -107,6 +108,11 @@ def test_the_exoskeleton_bears_a_hand_and_says_what_is_left(domain, tmp_path):
     hand = found["bodies"]["hand"]
     assert hand["effort_part"] < 0.15
     assert 0.01 < hand["effort_n_m"] < 0.06
+    joint = read(folder, "exoskeleton").joint
+    assert joint.names == ("hand", "effort")
+    turned = (joint.t > 4.0) & (joint.t < 9.0)
+    assert np.ptp(joint.value[turned, 0]) == pytest.approx(2.0 * 0.52, abs=0.06)
+    assert np.sqrt(np.mean(joint.value[turned, 1] ** 2)) == pytest.approx(hand["effort_n_m"], rel=0.2)
 
 
 @pytest.mark.process

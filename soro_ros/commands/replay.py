@@ -65,7 +65,7 @@ def replay(
     found, scene_file = (bag, scene) if scene else bag_and_scene(bag)
     result = run(
         found,
-        require_one_arm(load_scene(scene_file, given_keys(change or [])), str(scene_file)),
+        require_one_arm(load_scene(scene_file, given_keys(change or [])), str(scene_file), bodies=True),
         tuple(name.strip() for name in nodes.split(",")),
         tolerance,
         ignore or (),

@@ -10,6 +10,7 @@ from soro_core.config import with_changes
 from soro_lab.scene import load_scene
 from soro_ros.conversion import messages
 from soro_ros.recordings.recording import read
+from soro_ros.recordings.replay import replay
 from soro_ros.ticks.controller_ticks import ControllerTicks
 from soro_ros.topics.ports import NodeOutputs
 from tests.soro_ros.running import run, summary
@@ -113,6 +114,9 @@ def test_the_exoskeleton_bears_a_hand_and_says_what_is_left(domain, tmp_path):
     turned = (joint.t > 4.0) & (joint.t < 9.0)
     assert np.ptp(joint.value[turned, 0]) == pytest.approx(2.0 * 0.52, abs=0.06)
     assert np.sqrt(np.mean(joint.value[turned, 1] ** 2)) == pytest.approx(hand["effort_n_m"], rel=0.2)
+    again = replay(folder / "bag", load_scene(folder / "scene_used.yaml"))
+    assert again.same, again
+    assert again.without == ()
 
 
 @pytest.mark.process

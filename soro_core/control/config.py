@@ -88,10 +88,11 @@ class AllocationConfig(Strict):
     preferred_pa: float = Field(
         45e3, ge=-1e5, le=1e6, description="pressure preferred where the force leaves a choice"
     )
-    force_weight: Floats = Field(
-        (0.3, 1.0, 1.0),
+    force_weight: Floats | None = Field(
+        None,
         min_length=1,
-        description="weight of each strain of a link, or coordinate, if the pressures cannot make all forces",
+        description="weight of each strain of a link, or coordinate, if the pressures cannot make all "
+        "forces; default: 0.3 of elongation and shears, 1 of bending and torsion",
     )
     rise_pa_s: float | None = Field(
         None, gt=0, le=1e7, description="fastest rise of a set point; default: that of the limits"
@@ -125,7 +126,7 @@ class AllocationConfig(Strict):
         low, high = self.minimum_pa, self.maximum_pa
         if low is not None and high is not None and not low < high:
             raise ValueError("minimum_pa must be below maximum_pa")
-        if min(self.force_weight) <= 0.0:
+        if min(self.force_weight or (1.0,)) <= 0.0:
             raise ValueError("force_weight must be positive")
         return self
 

@@ -33,7 +33,6 @@ def write_scene(found: PartIdentification, out: Path) -> tuple[list[Path], list[
     arm = ArmSetting(
         name=re.sub(r"[^a-z0-9_]", "_", out.stem.lower()),
         chambers=(known.chambers,),
-        planar=len(known.strains) < 3,
         pressure_range=Noted(known.pressure_range_pa, "Pa gauge, of the sweeps of the part"),
         command="soro identify-fem",
         mode="lockstep",

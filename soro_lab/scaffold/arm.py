@@ -73,8 +73,6 @@ class ArmSetting:
         Number of chambers of each link.
     pressure_range : Noted
         Lowest and highest [Pa gauge].
-    planar : bool
-        Whether it bends in one plane only.
     platform : str
         `emulated`, a shipped platform, or a family.
     command : str
@@ -86,7 +84,6 @@ class ArmSetting:
     name: str
     chambers: tuple[int, ...]
     pressure_range: Noted
-    planar: bool = False
     platform: str = "emulated"
     command: str = WHERE
     mode: str = "real_time"
@@ -123,7 +120,7 @@ class NewArm:
     def setting(self) -> ArmSetting:
         """What platform and scene say of it."""
         chambers = tuple(len(link.geometry.angles) for link in self.links)
-        return ArmSetting(self.name, chambers, self.pressure_range, self.planar, self.platform)
+        return ArmSetting(self.name, chambers, self.pressure_range, self.platform)
 
 
 def new_arm(options: ScaffoldOptions) -> NewArm:

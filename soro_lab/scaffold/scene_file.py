@@ -155,10 +155,6 @@ def _controller(arm: ArmSetting, reference: FirstReference, period: float) -> di
     pressures = {
         "preferred_pa": Noted(preferred, "Pa gauge, where the force leaves a choice; guess: the middle")
     }
-    if arm.planar:
-        pressures["force_weight"] = Noted(
-            (0.3, 1.0), "of elongation and bending where the pressures cannot make both; default of a scene"
-        )
     return {
         "law": Noted("composite", "it learns the load; docs/control.md has the others"),
         "adapt": Noted(True, "whether it learns"),

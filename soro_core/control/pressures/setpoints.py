@@ -71,7 +71,12 @@ class SetpointMaker:
 
     def __init__(self, robot: Robot, fields: StrainFields, pressures: CompletePressures) -> None:
         self.fields, self.pressures = fields, pressures
-        self.force_weight, _ = per_coordinate(fields, pressures.force_weight, "pressures.force_weight")
+        if (weight := pressures.force_weight) is None:
+            # Bending moves the tip most: where not all forces can be made, elongation gives way first.
+            turns = fields.of("bending_x") + fields.of("bending_y") + fields.of("torsion")
+            self.force_weight = np.where(turns > 0.0, 1.0, 0.3)
+        else:
+            self.force_weight, _ = per_coordinate(fields, weight, "pressures.force_weight")
         low, high = pressure_bounds(pressures, robot)
         check_dead_bands(robot, low, high)
         self.effective = effective_pressure_of(robot)

@@ -3,8 +3,10 @@
 import numpy as np
 import pytest
 
+from soro_core import load_robot
 from soro_core.config import parse
-from soro_core.control.config import AllocationConfig
+from soro_core.control import Controller, ControllerConfig
+from soro_core.control.config import AllocationConfig, ReferenceConfig
 from soro_core.control.pressures.actuation import complete_pressures, contradictions
 from soro_core.control.pressures.lag_compensation import compensate
 from soro_core.pneumatics import RegulatorModel, initial_state, step
@@ -149,3 +151,13 @@ def test_a_controller_that_is_started_alone_takes_them_from_platform_and_limits(
     assert pressures.preview_s == pytest.approx(0.0605)
     usual, _ = ControllerNodeConfig().known_pressures()
     assert values(usual, (*FROM_LIMITS, "lag_s")) == [0.0, 90e3, 200e3, 400e3, 0.052]
+
+
+@pytest.mark.parametrize("name", ["tue_three_bellow", "wrist_muscle", "antagonistic_joint", "two_links"])
+def test_bending_has_the_greater_weight_whatever_strains_an_arm_has(name):
+    robot = load_scene("two_links").loaded_robot if name == "two_links" else load_robot(name)
+    weight = Controller(
+        robot, ControllerConfig(reference=ReferenceConfig(kind="hold"))
+    ).setpoints.force_weight
+    bends = ["bending" in coordinate for coordinate in robot.coordinate_names]
+    np.testing.assert_array_equal(weight, np.where(bends, 1.0, 0.3))

@@ -15,13 +15,13 @@ DT, WEIGHT = 0.005, 0.353
 STILL = np.zeros(2)
 
 
-def controller_of(robot="wrist_muscle", joint="bodies/hand/joint", strains=2, **options):
+def controller_of(robot="wrist_muscle", joint="bodies/hand/joint", **options):
     keys = {
         "law": "counterbalance",
         "law_options": {"hinge": WRIST, **options},
         "joint": joint,
         "reference": {"kind": "hold"},
-        "pressures": {"force_weight": [1.0] * strains, "play_pa": 0.0},
+        "pressures": {"play_pa": 0.0},
         "probe_at_enable": "off",
     }
     return Controller(load_robot(robot), parse(keys, ControllerConfig, "test"))
@@ -83,7 +83,7 @@ def test_a_limb_that_a_stop_holds_ends_the_commands():
         ({"hinge": {**WRIST, "limits_rad": [-3.0, 3.0]}}, "law_options.hinge"),
         ({"weighing": {"weigh_s": -1.0}}, "weigh_s"),
         ({"hinge": {**WRIST, "axis": [0.0, 0.0, 0.0]}}, "axis"),
-        ({"robot": "tue_three_bellow", "strains": 3}, "law_options.hinge"),
+        ({"robot": "tue_three_bellow"}, "law_options.hinge"),
     ],
 )
 def test_what_it_cannot_use_is_refused_in_one_line(changes, key):

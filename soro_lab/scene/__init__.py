@@ -16,4 +16,5 @@ from soro_lab.scene.nodes import ExciterNodeConfig as ExciterNodeConfig
 from soro_lab.scene.nodes import HandNodeConfig as HandNodeConfig
 from soro_lab.scene.nodes import MarkersConfig as MarkersConfig
 from soro_lab.scene.nodes import RegulatorNodeConfig as RegulatorNodeConfig
+from soro_lab.scene.robot_files import with_robot_files as with_robot_files
 from soro_lab.scene.scene import Scene as Scene

@@ -67,27 +67,19 @@ def arm_of(scene: Scene, wanted: str | None, where: str) -> Scene:
     return found[0] if scene.arms else scene
 
 
-def require_one_arm(scene: Scene, where: str, *, bodies: bool = False) -> Scene:
+def require_one_arm(scene: Scene, where: str) -> Scene:
     """Return a scene of one arm, and of nothing else, for those whose twin is alone.
-
-    Parameters
-    ----------
-    scene : Scene
-    where : str
-        Its file, for the error.
-    bodies : bool
-        Whether bodies beside the arm are allowed.
 
     Raises
     ------
     ConfigError
         If it has several arms, or bodies.
     """
-    if scene.bodies and not bodies:
+    if scene.bodies:
         allowed = "none: only soro run without --learn-from, view, plot, report, replay and bag know bodies"
         raise ConfigError(where, "bodies", ", ".join(scene.bodies), allowed)
     if scene.arms:
-        allowed = "a scene of one arm: only soro run, view, plot, report and bag know several"
+        allowed = "a scene of one arm: only soro run, view, plot, report, replay and bag know several"
         raise ConfigError(where, "arms", ", ".join(scene.arms), allowed)
     return scene
 

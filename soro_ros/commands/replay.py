@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from soro_lab.run_folder import bag_and_scene, run_folders
-from soro_lab.scene import load_scene, require_one_arm
+from soro_lab.scene import load_scene
 from soro_lab.scene.options import given_keys
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ def replay(
     found, scene_file = (bag, scene) if scene else bag_and_scene(bag)
     result = run(
         found,
-        require_one_arm(load_scene(scene_file, given_keys(change or [])), str(scene_file), bodies=True),
+        load_scene(scene_file, given_keys(change or [])),
         tuple(name.strip() for name in nodes.split(",")),
         tolerance,
         ignore or (),

@@ -12,12 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 from soro_core.config import with_changes
 from soro_core.errors import BagError, ConfigError
 from soro_lab.bag import BagReader, Topic
-from soro_lab.scene import Scene
+from soro_lab.scene import Scene, with_robot_files
 from soro_ros.conversion.decoding import Messages, class_of
 from soro_ros.conversion.fields import flat
 from soro_ros.conversion.interfaces import type_name
@@ -40,14 +41,18 @@ class Ticks(Protocol):
     inputs: Inputs
 
 
-def _controller(scene: Scene, ports: NodeOutputs) -> Ticks:
+def _estimator(arm: Scene, in_hand: bool, ports: NodeOutputs) -> Ticks:
+    return EstimatorTicks(arm.estimator_node(), ports)
+
+
+def _controller(arm: Scene, in_hand: bool, ports: NodeOutputs) -> Ticks:
     # `soro run` enables it before the first tick; no bag holds the call of a service.
-    config = with_changes(scene.controller_node(), enabled=True)
-    return ControllerTicks(config, f"/{scene.name}/controller", ports)
+    config = with_changes(arm.controller_node(), enabled=True, hand=in_hand)
+    return ControllerTicks(config, f"/{arm.name}/controller", ports)
 
 
-NODES: dict[str, tuple[type[Any], Callable[[Scene, NodeOutputs], Ticks]]] = {
-    "estimator": (EstimatorTicks, lambda scene, ports: EstimatorTicks(scene.estimator_node(), ports)),
+NODES: dict[str, tuple[type[Any], Callable[[Scene, bool, NodeOutputs], Ticks]]] = {
+    "estimator": (EstimatorTicks, _estimator),
     "controller": (ControllerTicks, _controller),
 }
 
@@ -86,13 +91,14 @@ def replay(
     tolerance: float = TOLERANCE,
     ignore: Sequence[str] = (),
 ) -> Replayed:
-    """Replay nodes of a run in lockstep.
+    """Replay nodes of a run in lockstep, those of each of its arms.
 
     Parameters
     ----------
     bag : Path
         Recording of the run.
     scene : Scene
+        Of all arms.
     nodes : sequence of str
         Names in `NODES`.
     tolerance : float
@@ -114,7 +120,23 @@ def replay(
     if scene.mode != "lockstep":
         allowed = "lockstep: in real time no recording says what a node had received at a tick"
         raise ConfigError(scene.name, "mode", scene.mode, allowed)
-    prefix = f"/{scene.name}/"
+    with TemporaryDirectory() as folder:
+        arms = with_robot_files(scene, Path(folder)).each
+        in_hand = scene.hand is not None
+        each = [_replay_arm(bag, arm, in_hand, nodes, tolerance, ignore) for arm in arms]
+    return Replayed(
+        tuple(topic for one in each for topic in one.topics),
+        tuple(name for one in each for name in one.left_out),
+        tuple(name for one in each for name in one.without),
+        tuple(dict.fromkeys(problem for one in each for problem in one.problems)),
+    )
+
+
+def _replay_arm(
+    bag: Path, arm: Scene, in_hand: bool, nodes: Sequence[str], tolerance: float, ignore: Sequence[str]
+) -> Replayed:
+    """Replay nodes of one arm; `in_hand`: a hand moves it."""
+    prefix = f"/{arm.name}/"
     outputs = {prefix + topic: kind for name in nodes for topic, kind in NODES[name][0].outputs.items()}
     with BagReader(bag) as reader:
         there = {topic.name: _type_now(topic) for topic in reader.topics}
@@ -127,7 +149,7 @@ def replay(
             for topic in compared
         }
 
-        fed = [_Fed(name, scene, prefix, found) for name in nodes]
+        fed = [_Fed(name, arm, in_hand, found) for name in nodes]
         kinds = compared | {topic: one.kind for node in fed for topic, one in node.inputs.items()}
         _check(bag, there, kinds, prefix, fed)
         recorded = Messages(reader, kinds)
@@ -154,10 +176,10 @@ class _Fed:
     its inputs; only the answer to a tick, arm/learned, must not come before the tick.
     """
 
-    def __init__(self, name: str, scene: Scene, prefix: str, found: Mapping[str, TopicDifferences]) -> None:
-        self._prefix, self._found = prefix, found
+    def __init__(self, name: str, arm: Scene, in_hand: bool, found: Mapping[str, TopicDifferences]) -> None:
+        self._prefix, self._found = (prefix := f"/{arm.name}/"), found
         self._reached_ns, self._early = -1, deque[Any]()
-        ticks = NODES[name][1](scene, NodeOutputs(self._publish))
+        ticks = NODES[name][1](arm, in_hand, NodeOutputs(self._publish))
         self.inputs = {prefix + topic: one for topic, one in ticks.inputs.items()}
 
     def take(self, topic: str, message: Any) -> None:

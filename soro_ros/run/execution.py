@@ -6,7 +6,6 @@ import contextlib
 import shutil
 import time
 from collections.abc import Callable, Sequence
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +14,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
-from soro_core.config import find_config, with_changes
+from soro_core.config import find_config
 from soro_core.errors import ConfigError, HardwareError, SoroError
 from soro_core.extras import require
-from soro_core.robot import load_robot, save_robot
 from soro_hardware.doctor import check_device
 from soro_lab.run_folder import new_folder
-from soro_lab.scene import Scene, load_scene
+from soro_lab.scene import Scene, load_scene, with_robot_files
 from soro_ros.run.end import End
 
 if TYPE_CHECKING:
@@ -97,25 +95,6 @@ def make_folder(parent: Path, scene: Scene, where: str) -> Path:
     shutil.copy(where, target / "scene.yaml")
     (target / "scene_used.yaml").write_text(yaml.safe_dump(scene.to_dict(), sort_keys=False))
     return target
-
-
-def with_robot_files(scene: Scene, folder: Path) -> Scene:
-    """Return a scene whose nodes read each robot at its place: from a file in the folder of the run."""
-    return scene.of_each(partial(_with_robot_file, folder=folder))
-
-
-def _with_robot_file(scene: Scene, folder: Path) -> Scene:
-    if not scene.place:
-        return scene
-    file = folder / "robots" / f"{scene.prefix.rstrip('/') or scene.name}.yaml"
-    file.parent.mkdir(exist_ok=True)
-    save_robot(scene.loaded_robot, file)
-    changed = scene.with_keys(robot=str(file), base_position=None, base_quaternion=None)
-    if not scene.twin.plant:
-        return changed
-    plant = file.with_stem(f"{file.stem}_plant")
-    save_robot(load_robot(scene.twin.plant).replace(**scene.place), plant)
-    return changed.with_keys(twin=with_changes(scene.twin, plant=str(plant)))
 
 
 def _check_devices(scene: Scene) -> None:

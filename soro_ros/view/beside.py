@@ -10,9 +10,8 @@ from pathlib import Path
 
 from soro_core.config import with_changes
 from soro_core.errors import SoroError
-from soro_lab.scene import Scene
+from soro_lab.scene import Scene, with_robot_files
 from soro_ros.run import processes
-from soro_ros.run.execution import with_robot_files
 from soro_ros.view.config import ViewerConfig
 
 _START_LIMIT_S = 60.0

@@ -1,6 +1,7 @@
 """A scene with bodies by `soro run`: what its bag and its summary say is what the library computes."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from soro_lab.bag import BagReader
 from soro_lab.scene import load_scene
 from soro_ros.conversion import force, messages
 from soro_ros.conversion.decoding import Messages
+from soro_ros.recordings.replay import replay
 from tests.patience import patient_platform
 from tests.soro_ros.running import run, summary
 
@@ -33,6 +35,7 @@ class Ran:
     figures: dict
     scene: object
     heard: dict
+    bag: Path
 
 
 def grasp(tmp_path, *changes):
@@ -60,7 +63,7 @@ def grasp(tmp_path, *changes):
                 message = recorded.read(item)
                 heard[item.topic].append((1e-9 * messages.to_ns(message.header.stamp), message))
     scene = load_scene(folder / "scene_used.yaml")
-    return Ran(status, output, summary(folder), scene, heard)
+    return Ran(status, output, summary(folder), scene, heard, folder / "bag")
 
 
 def computed(ran):
@@ -114,6 +117,11 @@ def test_three_fingers_hold_a_ball_as_the_library_has_it(domain, tmp_path):
     assert found["weight_balance"] == pytest.approx(balance, abs=1e-3)
     _, last = ran.heard[f"{BODIES}/contacts"][int(np.argmax(stamps >= END_S))]
     assert sorted(last.name) == sorted(f"{name}/ball" for name in FINGERS)
+    # Each finger stands at a place of its own.
+    again = replay(ran.bag, ran.scene)
+    assert {topic.topic.split("/")[2] for topic in again.topics} == set(FINGERS)
+    assert again.same, [topic for topic in again.topics if topic.differing]
+    assert again.without == ()
 
 
 @pytest.mark.process

@@ -42,7 +42,8 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     if "/" in str(data["name"]):
         raise ConfigError(str(path), "name", data["name"], "lower-case letters, digits and _")
     scene = (_of_arms if data.get("arms") else _of_one_arm)(data, str(path))
-    _check_joints(scene, str(path))
+    if any(one.controller.joint for one in (scene, *scene.arms.values())):
+        _check_joints(scene, str(path))
     return scene
 
 

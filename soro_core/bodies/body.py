@@ -168,16 +168,12 @@ class HingeDrive(Strict):
         return dt * (self.damping + dt * self.stiffness)
 
 
-class Hinge(Strict):
-    """A joint to the world with one axis; its angle counts from the pose of the body at the start."""
+class HingeAxis(Strict):
+    """Where the axis of a hinge is, and how far the body turns about it."""
 
     point: Vector3 = Field(description="of its axis, in the world [m]")
     axis: Vector3 = Field(description="direction in the world, of any length above 0")
     limits_rad: tuple[float, float] | None = Field(None, strict=False, description="least and largest angle")
-    stiffness: float = Field(0.0, ge=0, description="of a spring towards angle 0 [N m/rad]")
-    damping: float = Field(0.0, ge=0, description="[N m s/rad]")
-    drive: HingeDrive | None = Field(None, description="who moves it; default: nobody")
-    encoder_rad: float = Field(0.0, ge=0, le=0.1, description="step of the encoder in a scene; 0: exact")
 
     @field_validator("axis")
     @classmethod
@@ -192,6 +188,15 @@ class Hinge(Strict):
         if value is not None and not value[0] <= 0.0 <= value[1]:
             raise ValueError("two angles, the first at most 0 and the second at least 0")
         return value
+
+
+class Hinge(HingeAxis):
+    """A joint to the world with one axis; its angle counts from the pose of the body at the start."""
+
+    stiffness: float = Field(0.0, ge=0, description="of a spring towards angle 0 [N m/rad]")
+    damping: float = Field(0.0, ge=0, description="[N m s/rad]")
+    drive: HingeDrive | None = Field(None, description="who moves it; default: nobody")
+    encoder_rad: float = Field(0.0, ge=0, le=0.1, description="step of the encoder in a scene; 0: exact")
 
 
 class Attachment(Strict):

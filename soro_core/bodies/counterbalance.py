@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from pydantic import Field
 
 from soro_core.arrays import Array
-from soro_core.bodies.body import Hinge, smooth_way
+from soro_core.bodies.body import HingeAxis, smooth_way
 from soro_core.config import Strict
 from soro_core.errors import ModelError, short
 from soro_core.model import SoftArm
@@ -32,6 +32,9 @@ _LEAST_LEAN = 0.3
 _COUNTS = 1.0 / 3.0
 # The part in which the arm takes up its pressure, and the one at whose end it has lifted the limb.
 _FILLS, _LIFTS = 1.0 / 12.0, 1.0 / 3.0
+# How far beyond its table a measured angle may be [rad], and how fast a limb moves [rad/s]: beyond both it is
+# the encoder that slips, jumps or wraps.
+_BEYOND_RAD, _FASTEST_RAD_S = 0.2, 30.0
 # Farthest from level that the hold leaves the limb [rad]: beyond it a stop or the wearer bears a part of it.
 _OFF_LEVEL = 0.2
 
@@ -62,7 +65,7 @@ class LimbMoments:
         )
 
 
-def limb_moments(arm: SoftArm, hinge: Hinge, angles_rad: ArrayLike) -> LimbMoments:
+def limb_moments(arm: SoftArm, hinge: HingeAxis, angles_rad: ArrayLike) -> LimbMoments:
     """Return the moments of an arm of one chamber, whose tip is on the limb where it is straight at angle 0.
 
     Parameters
@@ -70,7 +73,7 @@ def limb_moments(arm: SoftArm, hinge: Hinge, angles_rad: ArrayLike) -> LimbMomen
     arm : SoftArm
         With as many coordinates as its tip has directions in the plane of the limb: its shape follows from
         the angle.
-    hinge : Hinge
+    hinge : HingeAxis
     angles_rad : array_like (n,)
 
     Raises
@@ -131,7 +134,7 @@ class CounterbalanceSettings(Strict):
     """What holds the limb while it is weighed."""
 
     weigh_s: float = Field(
-        3.0, ge=0, le=600, description="time until the weight is frozen; its last third counts [s]"
+        3.0, ge=0.5, le=600, description="time until the weight is frozen; its last third counts [s]"
     )
     start_pa: float = Field(35e3, ge=0, le=1e7, description="pressure at the start, of a level limb [Pa]")
     stiffness: float = Field(
@@ -216,7 +219,13 @@ class Counterbalance:
             raise ModelError(f"range_pa: got {low:g} to {high:g} Pa; allowed: from low to high", "range_pa")
 
     def step(
-        self, state: CounterbalanceState, angle_rad: float, rate_rad_s: float, pressure_pa: float, dt: float
+        self,
+        state: CounterbalanceState,
+        angle_rad: float,
+        rate_rad_s: float,
+        pressure_pa: float,
+        dt: float,
+        ahead_s: float = 0.0,
     ) -> tuple[CounterbalanceState, float]:
         """Return the next state and the set point [Pa].
 
@@ -229,42 +238,54 @@ class Counterbalance:
             Measured [Pa gauge].
         dt : float
             Time since the last step [s].
+        ahead_s : float
+            Time until the set point acts [s]: it is that for the angle then.
 
         Raises
         ------
         ModelError
-            If a measured value is not finite or dt not above 0; while the limb is weighed, if it is too far
-            from level; at the end of that, if it was not level and at rest, or a set point was at a bound. No
-            weight is known then: vent.
+            If a measured value is not finite, or none that a limb can have, or dt is not above 0; while the
+            limb is weighed, if it is too far from level; at the end of that, if it was not level and at rest,
+            or a set point was at a bound. Vent then.
         """
         if not (math.isfinite(angle_rad) and math.isfinite(rate_rad_s) and math.isfinite(pressure_pa)):
             raise ModelError("counterbalance: a measured value is not finite", "measured")
         if not 0.0 < dt < math.inf:
             raise ModelError(f"counterbalance: dt = {short(dt)} s; allowed: above 0", "dt")
-        (without, per_pa), lean = self.moments.at(angle_rad), math.cos(angle_rad - self.level_rad)
+        least, most = self.moments.angle_rad[[0, -1]].tolist()
+        if not least - _BEYOND_RAD <= angle_rad <= most + _BEYOND_RAD or abs(rate_rad_s) > _FASTEST_RAD_S:
+            raise ModelError(
+                f"counterbalance: the limb is at {angle_rad:.3g} rad and turns by {rate_rad_s:.3g} rad/s; "
+                "allowed: "
+                f"{least - _BEYOND_RAD:.3g} to {most + _BEYOND_RAD:.3g} rad, up to {_FASTEST_RAD_S:g} rad/s",
+                "angle",
+            )
+        then_rad = angle_rad + ahead_s * rate_rad_s
         is_weighed = state.t_s >= self.settings.weigh_s
         state = replace(state, t_s=state.t_s + dt)
         if state.t_s < self.settings.weigh_s:
-            found = (without + per_pa * pressure_pa) / max(lean, _LEAST_LEAN)
-            return self._weigh(state, (angle_rad, rate_rad_s), found, (without, per_pa), dt)
+            without, per_pa = self.moments.at(angle_rad)
+            found = (without + per_pa * pressure_pa) / max(self._lean(angle_rad), _LEAST_LEAN)
+            return self._weigh(state, (angle_rad, then_rad, rate_rad_s), found, dt)
         if not is_weighed:
             self._refuse_moved(state)
-        return state, self._within((state.weight * lean - without) / per_pa)
+        then_rad = min(max(then_rad, least), most)
+        without, per_pa = self.moments.at(then_rad)
+        return state, self._within((state.weight * self._lean(then_rad) - without) / per_pa)
+
+    def _lean(self, angle_rad: float) -> float:
+        """Return the part of its largest moment that the weight has at an angle."""
+        return math.cos(angle_rad - self.level_rad)
 
     def _weigh(
-        self,
-        state: CounterbalanceState,
-        limb: tuple[float, float],
-        found: float,
-        moments: tuple[float, float],
-        dt: float,
+        self, state: CounterbalanceState, limb: tuple[float, float, float], found: float, dt: float
     ) -> tuple[CounterbalanceState, float]:
         """Lift the limb from where it was, hold it level, and take the mean of the moments that hold it."""
-        hold, (angle, rate), (without, per_pa) = self.settings, limb, moments
+        hold, (angle, then, rate) = self.settings, limb
         begin_s, end_s = hold.weigh_s * _FILLS, hold.weigh_s * _LIFTS
         if state.t_s <= begin_s:  # it may fall, or hang on a stop: until then its speed alone is held
             state = replace(state, start_rad=angle)
-        if math.cos(angle - self.level_rad) < _LEAST_LEAN:
+        if self._lean(angle) < _LEAST_LEAN:
             raise ModelError(
                 f"counterbalance: the limb is at {angle:.3g} rad; allowed while weighed: within "
                 f"{math.acos(_LEAST_LEAN):.3g} rad of level",
@@ -273,12 +294,13 @@ class Counterbalance:
         # At once asked to be level, a limb that hangs on a stop would be thrown as it leaves it.
         rows = np.array([[state.start_rad], [self.level_rad]])
         level, rises, _ = smooth_way((begin_s, end_s), rows, state.t_s)
-        away = angle - float(level[0])
+        away = then - float(level[0])
         integral = state.integral + dt * away
         back = hold.stiffness * away + hold.integral * integral + hold.damping * (rate - float(rises[0]))
         # The moment of the muscle differs from angle to angle: with one pressure for all of them the limb
         # would snap from a stop to the other.
         level_without, level_per_pa = self.moments.at(self.level_rad)
+        without, per_pa = self.moments.at(then)
         wanted = (level_without + level_per_pa * hold.start_pa - back - without) / per_pa
         setpoint = self._within(wanted)
         # An integral that goes on where the set point cannot follow would throw the limb later.

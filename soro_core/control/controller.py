@@ -22,7 +22,7 @@ from soro_core.control.gains import gains_of
 from soro_core.control.laws.call import call_law, try_law
 from soro_core.control.laws.guard import refused
 from soro_core.control.laws.limit_cycle import AskedForce, no_limit_cycle, scaled_feedback, watch_of
-from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, Preview, Setting
+from soro_core.control.laws.protocol import ArmBelief, Certainty, Made, MeasuredJoint, Preview, Setting
 from soro_core.control.laws.registry import find_law, options_of
 from soro_core.control.motions.references import bounds_of, check_configured, configured_reference
 from soro_core.control.nonuniform_strain import nonuniform_of
@@ -159,7 +159,7 @@ class Controller(GivenReferences):
         certainty: Certainty | None = None,
         between: Callable[[], None] = lambda: None,
         seen: Sequence[StampedPosition] = (),
-        joint_rad: float | None = None,
+        joint: MeasuredJoint | None = None,
     ) -> tuple[ControllerState, Command]:
         """Return the command for the state (q, qd) at time `t`.
 
@@ -183,8 +183,8 @@ class Controller(GivenReferences):
             tick.
         seen : sequence of StampedPosition
             What sensors have seen since the last tick: the probe judges the stamps.
-        joint_rad : float or None
-            Measured angle of the joint of `config.joint`.
+        joint : MeasuredJoint or None
+            That of `config.joint`.
 
         Returns
         -------
@@ -206,7 +206,7 @@ class Controller(GivenReferences):
             return self._probed(self.probe.step(state.probe, sample, between), state)
         else:
             try:
-                return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference, certainty, joint_rad)
+                return self._tick(state, q, qd, t, dt, measured_pressure_pa, reference, certainty, joint)
             except (SoroError, np.linalg.LinAlgError) as error:
                 failure = f"no command: {error}"
         return self._held(state, failure)
@@ -221,7 +221,7 @@ class Controller(GivenReferences):
         measured_pressure_pa: Array,
         reference: Reference | None,
         certainty: Certainty | None,
-        joint_rad: float | None = None,
+        joint: MeasuredJoint | None = None,
     ) -> tuple[ControllerState, Command]:
         measured = np.asarray(measured_pressure_pa, dtype=np.float64)
         if measured.shape != (self.arm.n_u,) or not all_finite(measured):
@@ -265,7 +265,8 @@ class Controller(GivenReferences):
             pressure_pa=measured,
             saturated=state.saturated,
             external=self.force_loop.told(force),
-            joint_rad=joint_rad,
+            joint=joint,
+            is_measured=measured is not state.model_pa,
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:

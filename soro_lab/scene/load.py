@@ -67,9 +67,10 @@ def _of_one_arm(data: dict[str, Any], where: str) -> Scene:
 
 def _check_joints(scene: Scene, where: str) -> None:
     """Refuse a joint in lockstep that the scene has not: each tick would wait for it."""
-    place = f"/{scene.name}/" if scene.arms else ""
     hinged = [name for name, body in scene.bodies.items() if body.hinge is not None]
-    joints = [f"{place}bodies/{name}/joint" for name in hinged]
+    joints = [f"/{scene.name}/bodies/{name}/joint" for name in hinged]
+    if not scene.arms:  # within the namespace of its only arm
+        joints += [f"bodies/{name}/joint" for name in hinged]
     for arm in scene.each:
         if scene.mode == "lockstep" and arm.controller.joint not in ("", *joints):
             allowed = f"in lockstep that of a hinged body: {', '.join(joints) or 'the scene has none'}"

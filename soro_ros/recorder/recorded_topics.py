@@ -41,6 +41,11 @@ def recorded_topics(scene: Scene) -> tuple[str, ...]:
     named = [topic for arm in scene.each for topic in _of_arm(arm, kept)]
     backbones = [f"/{arm.name}/arm/backbone {_BACKBONE}" for arm in scene.each]
     named += _of_bodies(scene, kept)
+    for arm in scene.each:  # the encoder of a real joint may be anywhere
+        topic = arm.controller.joint
+        name = topic if topic.startswith("/") else f"/{arm.name}/{topic}"
+        if topic and not any(one.startswith(f"{name} ") for one in named):
+            named.append(f"{name} sensor_msgs/msg/JointState{kept}")
     return (*named, *clock, *backbones, f"/diagnostics {_DIAGNOSTICS}", f"/{scene.name}/*")
 
 

@@ -35,7 +35,7 @@ SHOWN = ("chambers/state", "chambers/command", "arm/state", "arm/tip", "arm/desi
 _LATCH = "chambers/latch"
 _AXIS = "truth/tip axis"
 # Of a hinged body: angle of the encoder, rate, torque of who drives it.
-_JOINT = re.compile(r"bodies/[^/]+/joint")
+_JOINT = re.compile(r"/bodies/[^/]+/joint$")
 _USED = {
     *SHOWN,
     _LATCH,
@@ -139,10 +139,6 @@ class Spans:
         self.of[item.topic] = first, now, max(gap, now - last)
 
 
-def _is_used(name: str) -> bool:
-    return name in _USED or bool(_JOINT.fullmatch(name))
-
-
 def with_fault(faults: tuple[str, ...], error: str) -> tuple[str, ...]:
     """Return the faults and another one; a text that goes on behind a semicolon replaces its beginning."""
     if any(f"{one};".startswith(f"{error};") for one in faults):
@@ -177,6 +173,7 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         "diagnostic_msgs/msg/DiagnosticStatus": DiagnosticStatus,
     }
     prefix = f"/{namespace}/" if namespace else "/"
+    of_scene = f"/{namespace.partition('/')[0]}/" if namespace else "/"  # several arms have bodies in common
     # Stamps, log times and values, by topic and names of their columns.
     rows: dict[str, dict[tuple[str, ...], list[tuple[int, int, list[float]]]]] = {}
     diagnostics: dict[str, dict[str, str]] = {}
@@ -185,7 +182,12 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
     wanted = {
         topic.name
         for topic in reader.topics
-        if topic.type in types and (topic.name == "/diagnostics" or _is_used(topic.name.removeprefix(prefix)))
+        if topic.type in types
+        and (
+            topic.name == "/diagnostics"
+            or topic.name in {prefix + name for name in _USED}
+            or (topic.name.startswith(of_scene) and _JOINT.search(topic.name))
+        )
     }
     kinds = {topic.name: types[topic.type] for topic in reader.topics if topic.name in wanted}
     messages_of = Messages(reader, kinds)
@@ -208,8 +210,9 @@ def recorded(reader: BagReader, namespace: str, spans: Spans | None = None) -> R
         if isinstance(message, JointState):
             values = list(message.effort if name.startswith("chambers") else message.position)
             names = tuple(message.name)
-            if _JOINT.fullmatch(name):
-                name, names, values = "joint", (*names, "effort"), [*values, *message.effort]
+            if _JOINT.search(item.topic):  # an encoder tells no effort
+                name, names = "joint", (*names, "effort")
+                values = [*values, *(message.effort or [np.nan])]
             # What has no values has no column.
             if not values or len(values) != len(names):
                 continue

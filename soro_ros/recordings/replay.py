@@ -180,7 +180,9 @@ class _Fed:
         self._prefix, self._found = (prefix := f"/{arm.name}/"), found
         self._reached_ns, self._early = -1, deque[Any]()
         ticks = NODES[name][1](arm, in_hand, NodeOutputs(self._publish))
-        self.inputs = {prefix + topic: one for topic, one in ticks.inputs.items()}
+        self.inputs = {
+            topic if topic.startswith("/") else prefix + topic: one for topic, one in ticks.inputs.items()
+        }
 
     def take(self, topic: str, message: Any) -> None:
         """Take a recorded message, if it is an input."""

@@ -17,7 +17,7 @@ from trajectory_msgs.msg import JointTrajectory
 
 from soro_core.adaptation import Learned
 from soro_core.control import ControllerState, Reference
-from soro_core.control.laws import Certainty
+from soro_core.control.laws import Certainty, MeasuredJoint
 from soro_core.control.motion_config import MotionConfig
 from soro_core.control.probing.stamps import StampedPosition
 from soro_core.control.reference_feasibility import check_reach
@@ -131,7 +131,7 @@ class ControllerTicks:
             **self.motions.inputs,
         }
         if config.control.joint:
-            self.inputs = {**self.inputs, config.control.joint: Input(JointState, self._on_joint, qos.loop)}
+            self.inputs = {**self.inputs, config.control.joint: Input(JointState, self._on_joint, qos.sensor)}
 
     def warm_up(self) -> None:
         """Run ticks and references once without output: imports and compilation take longer than a tick."""
@@ -318,7 +318,10 @@ class ControllerTicks:
                 StampedPosition(name, 1e-9 * (at_ns - epoch_ns), place) for name, at_ns, place in self._seen
             ]
             self._seen.clear()
-            given = self._reference, certainty, self.stay_at_zero, seen, joint and joint[1]
+            angle = joint and MeasuredJoint(
+                joint[1], 1e-9 * (joint[0] - epoch_ns), 1e-9 * (stamp_ns - joint[0])
+            )
+            given = self._reference, certainty, self.stay_at_zero, seen, angle
             self.state, command = self.controller.step(self.state, q, qd, t, dt, reading, *given)
             self._last_ns, failure = stamp_ns, command.status.message
             self._publish_learned(command.learned, stamp_ns)

@@ -13,6 +13,8 @@ from soro_core.arrays import Array
 from soro_core.control.laws import Certainty
 from soro_ros.conversion import messages
 
+# Messages of a topic that wait for those of another one: a recorder on a busy machine notes one far behind.
+_WAITING = 1000
 # An angle beyond this is none [rad].
 _MOST_RAD = 100.0
 
@@ -72,10 +74,10 @@ class TickInputs:
         self._with_covariance, self._covariance_age_s = with_covariance, covariance_age_s
         self._asked_ns = -1 if lockstep and with_hand else None
         self._waits_for_joint = lockstep and with_joint
-        self._joints: deque[tuple[int, float]] = deque(maxlen=50)
-        self._readings: deque[tuple[int, Array]] = deque(maxlen=50)
-        self._states: deque[JointState] = deque(maxlen=1000)
-        self._certainties: deque[tuple[int, Certainty | None]] = deque(maxlen=50)
+        self._joints: deque[tuple[int, float]] = deque(maxlen=_WAITING)
+        self._readings: deque[tuple[int, Array]] = deque(maxlen=_WAITING)
+        self._states: deque[JointState] = deque(maxlen=_WAITING)
+        self._certainties: deque[tuple[int, Certainty | None]] = deque(maxlen=_WAITING)
 
     def add_reading(self, stamp_ns: int, pressure_pa: Array) -> None:
         """Add measured pressures (n_u,) [Pa gauge] of a time [ns]."""
@@ -199,4 +201,6 @@ def unusable_joint(topic: str, joint: tuple[int, float] | None, stamp_ns: int, l
     if not abs(joint[1]) <= _MOST_RAD:  # what is not finite is not less
         return f"{topic} has no angle; allowed: position[0] within {_MOST_RAD:g} rad of 0"
     age_s = (stamp_ns - joint[0]) * 1e-9
-    return f"{topic} is {age_s:.3f} s old" if abs(age_s) > limit_s else ""
+    if age_s < -limit_s:
+        return f"{topic} is {-age_s:.3f} s in the future"
+    return f"{topic} is {age_s:.3f} s old" if age_s > limit_s else ""

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from soro_core.control.laws.protocol import Law as Law
     from soro_core.control.laws.protocol import LawOptions as LawOptions
     from soro_core.control.laws.protocol import Made as Made
+    from soro_core.control.laws.protocol import MeasuredJoint as MeasuredJoint
     from soro_core.control.laws.protocol import Preview as Preview
     from soro_core.control.laws.protocol import Setting as Setting
     from soro_core.control.laws.protocol import Terms as Terms
@@ -31,6 +32,6 @@ __all__, __getattr__ = lazy(
         ".registry": "find_law",
         ".tip_pid": "TipPid",
         ".wrap": "Wrap",
-        ".protocol": "ArmBelief Certainty Law LawOptions Made Preview Setting Terms",
+        ".protocol": "ArmBelief Certainty Law LawOptions Made MeasuredJoint Preview Setting Terms",
     },
 )

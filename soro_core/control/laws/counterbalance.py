@@ -6,20 +6,28 @@ the limb. The reference is not followed: who wears the limb says where it goes. 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from pydantic import Field
 
 from soro_core.arrays import Array
-from soro_core.bodies.body import Hinge
+from soro_core.bodies.body import HingeAxis
 from soro_core.bodies.counterbalance import (
     Counterbalance,
     CounterbalanceSettings,
     CounterbalanceState,
     limb_moments,
 )
-from soro_core.control.laws.protocol import ArmBelief, Law, LawOptions, Preview, Setting, Terms
+from soro_core.control.laws.protocol import (
+    ArmBelief,
+    Law,
+    LawOptions,
+    MeasuredJoint,
+    Preview,
+    Setting,
+    Terms,
+)
 from soro_core.errors import ConfigError, ModelError
 
 # Angles of the table of moments where the hinge has no limits [rad], and their number.
@@ -31,8 +39,10 @@ _RATE_S = 0.01
 class CounterbalanceOptions(LawOptions):
     """Keys of the law."""
 
-    hinge: Hinge | None = Field(
-        None, description="of the limb; needed. The arm is straight at angle 0, and holds the limb at its tip"
+    hinge: HingeAxis | None = Field(
+        None,
+        description="of the limb; needed. The arm is straight at angle 0, and holds the limb at its tip; "
+        "limits_rad: the angles that the law is for, -0.8 to 0.8 where it states none",
     )
     level_rad: float = Field(0.0, description="angle at which the limb is level")
     weighing: CounterbalanceSettings = Field(
@@ -42,11 +52,26 @@ class CounterbalanceOptions(LawOptions):
 
 @dataclass(frozen=True)
 class LimbState:
-    """What the law knows of the limb, its last angle [rad], None before the first, and its rate [rad/s]."""
+    """What the law knows of the limb.
+
+    Attributes
+    ----------
+    limb : CounterbalanceState
+    joint : MeasuredJoint or None
+        The last one; None before the first.
+    rate_rad_s : float
+        Rate of the limb [rad/s].
+    at_bound : bool
+        Whether the last set point was at a bound.
+    refusal : str
+        Why there are no more commands; empty while there are.
+    """
 
     limb: CounterbalanceState
-    angle_rad: float | None = None
+    joint: MeasuredJoint | None = None
     rate_rad_s: float = 0.0
+    at_bound: bool = False
+    refusal: str = ""
 
 
 class CounterbalanceLaw(Law[LimbState]):
@@ -82,24 +107,40 @@ class CounterbalanceLaw(Law[LimbState]):
     def step(
         self, state: LimbState, belief: ArmBelief, reference: Preview, dt: float
     ) -> tuple[LimbState, Array, Terms]:
-        """Return state, force and terms; parameters as in `Law.step`. Without an angle the force is zero."""
-        if (angle := belief.joint_rad) is None:
+        """Return state, force and terms; parameters as in `Law.step`.
+
+        Once the law has refused, it asks for the least pressure, and then for nothing until it begins anew.
+        """
+        if state.refusal:
+            raise ModelError(state.refusal, "limb")
+        if (joint := belief.joint) is None:  # of a trial before anything moves; nodes have one at each tick
             return state, np.zeros_like(belief.q), {}
-        rate = state.rate_rad_s
-        if state.angle_rad is not None:
-            rate += ((angle - state.angle_rad) / dt - rate) * dt / (_RATE_S + dt)
-        limb, setpoint = self.limb.step(
-            state.limb, angle + reference.ahead_s * rate, rate, float(belief.pressure_pa[0]), dt
-        )
+        is_weighed = state.limb.t_s >= self.weighing.weigh_s
+        if not (belief.is_measured or is_weighed):
+            raise ModelError("counterbalance: the pressure is not measured while the limb is weighed", "limb")
+        rate, last = state.rate_rad_s, state.joint
+        if last is not None and (passed_s := joint.t_s - last.t_s) > 0.0:
+            rate += ((joint.angle_rad - last.angle_rad) / passed_s - rate) * passed_s / (_RATE_S + passed_s)
+        ahead_s = joint.age_s + reference.ahead_s
+        known, (low, high) = (joint.angle_rad, rate, float(belief.pressure_pa[0])), self.limb.range_pa
+        try:
+            limb, setpoint = self.limb.step(state.limb, *known, dt, ahead_s)
+            state = LimbState(limb, joint, rate, setpoint in (low, high))
+        except ModelError as error:
+            state, setpoint = replace(state, refusal=str(error)), low
         # H at the same place as the allocation has it, which gives the set point back.
         actuation = self.setting.arm.actuation_matrix(self.place(belief, reference))
         force = actuation[:, 0] * setpoint
-        return LimbState(limb, angle, rate), force, {"model": force}
+        return state, force, {"model": force}
 
     def estimates(self, state: LimbState) -> dict[str, float]:
         """Return the learned moment of the limb's weight where it is level [N m]."""
         return {"limb_moment": state.limb.weight}
 
     def note(self, state: LimbState) -> str:
-        """Return that the limb is being weighed."""
-        return "weighing the limb: relax" if state.limb.t_s < self.weighing.weigh_s else ""
+        """Return that the limb is being weighed, or takes more than the pressures bear."""
+        if state.refusal:
+            return state.refusal
+        if state.limb.t_s < self.weighing.weigh_s:
+            return "weighing the limb: relax"
+        return "the limb is not borne whole: the set point is at a bound" if state.at_bound else ""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Self, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, NamedTuple, Self, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,24 @@ class LawOptions(Strict):
     """The keys of a law under `law_options`; a law with keys derives from it."""
 
 
+class MeasuredJoint(NamedTuple):
+    """Newest measured angle of a joint.
+
+    Attributes
+    ----------
+    angle_rad : float
+        [rad]
+    t_s : float
+        When it was measured, in the time of control [s].
+    age_s : float
+        How long ago that is [s].
+    """
+
+    angle_rad: float
+    t_s: float
+    age_s: float
+
+
 @dataclass(frozen=True)
 class ArmBelief:
     """What is known of the arm at one tick.
@@ -54,8 +72,10 @@ class ArmBelief:
         Chambers at a bound at the last tick.
     external : ExternalForce or None
         What pushes on the arm at its tip; None where it is not estimated.
-    joint_rad : float or None
-        Measured angle of the joint of `controller.joint`; None where there is none.
+    joint : MeasuredJoint or None
+        That of `controller.joint`; None where there is none.
+    is_measured : bool
+        Whether all of `pressure_pa` is measured.
     """
 
     q: Array
@@ -66,7 +86,8 @@ class ArmBelief:
     pressure_pa: Array
     saturated: NDArray[np.bool_]
     external: ExternalForce | None = None
-    joint_rad: float | None = None
+    joint: MeasuredJoint | None = None
+    is_measured: bool = True
 
 
 @dataclass(frozen=True)

@@ -164,8 +164,26 @@ def test_what_is_not_finite_is_refused_before_it_is_limited(values):
 
 
 def test_a_limb_that_hangs_is_not_weighed():
+    wide = LimbMoments(np.array([-2.0, 2.0]), np.zeros(2), np.full(2, -1e-5))
     with pytest.raises(ModelError, match="of level"):
-        Counterbalance(PLAIN, (0.0, 3e5)).step(CounterbalanceState(), 1.5, 0.0, 0.0, 0.01)
+        Counterbalance(wide, (0.0, 3e5)).step(CounterbalanceState(), 1.5, 0.0, 0.0, 0.01)
+
+
+@pytest.mark.parametrize("t_s", [0.0, 9.0])
+@pytest.mark.parametrize(("angle", "rate"), [(3.1, 0.0), (-1.3, 0.0), (0.0, 40.0)])
+def test_an_encoder_that_slips_jumps_or_wraps_is_refused_at_any_time(t_s, angle, rate):
+    """Its table ends at 1 rad. A limb there, or beyond it by less than a stop gives way, is none of these."""
+    law, state = Counterbalance(PLAIN, (0.0, 3e5)), CounterbalanceState(t_s=t_s, weight=-0.4)
+    law.step(state, 1.1, 20.0, 40e3, 0.01)
+    with pytest.raises(ModelError, match="the limb is at"):
+        law.step(state, angle, rate, 40e3, 0.01)
+
+
+def test_the_set_point_is_for_the_angle_at_which_it_acts():
+    law, state = Counterbalance(PLAIN, (0.0, 3e5)), CounterbalanceState(t_s=9.0, weight=-0.4)
+    for ahead_s, then in ((0.0, 0.3), (0.05, 0.4), (1.0, 1.0)):  # the table ends there
+        _, setpoint = law.step(state, 0.3, 2.0, 40e3, 0.01, ahead_s)
+        assert setpoint == pytest.approx(40e3 * math.cos(then))
 
 
 def test_arms_that_cannot_be_used_are_refused():

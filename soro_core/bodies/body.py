@@ -139,7 +139,7 @@ def smooth_way(at_s: Floats, rows: Array, t: float) -> tuple[Array, Array, Array
 
 
 class HingeDrive(Strict):
-    """Who moves a limb: smoothly from one angle to the next, with rest at each; relaxed before the first."""
+    """A wearer who turns a body: smoothly from angle to angle, rest at each; no torque before the first."""
 
     at_s: Floats = Field((), description="times, increasing; in a scene after the begin of control [s]")
     angle_rad: Floats = Field((), description="angle at each time")
@@ -195,7 +195,7 @@ class Hinge(HingeAxis):
 
     stiffness: float = Field(0.0, ge=0, description="of a spring towards angle 0 [N m/rad]")
     damping: float = Field(0.0, ge=0, description="[N m s/rad]")
-    drive: HingeDrive | None = Field(None, description="who moves it; default: nobody")
+    drive: HingeDrive | None = Field(None, description="what turns it, as a wearer does; default: nothing")
     encoder_rad: float = Field(0.0, ge=0, le=0.1, description="step of the encoder in a scene; 0: exact")
 
 

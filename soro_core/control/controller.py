@@ -224,7 +224,8 @@ class Controller(GivenReferences):
         joint: MeasuredJoint | None = None,
     ) -> tuple[ControllerState, Command]:
         measured = np.asarray(measured_pressure_pa, dtype=np.float64)
-        if measured.shape != (self.arm.n_u,) or not all_finite(measured):
+        is_measured = measured.shape == (self.arm.n_u,) and all_finite(measured)
+        if not is_measured:
             measured = state.model_pa
             state = replace(state, watch=replace(state.watch, refused=state.watch.refused + 1))
         start_s, before = self.config.reference.start_s, state.following
@@ -266,7 +267,7 @@ class Controller(GivenReferences):
             saturated=state.saturated,
             external=self.force_loop.told(force),
             joint=joint,
-            is_measured=measured is not state.model_pa,
+            is_measured=is_measured,
         )
         part, regulators = state.limit_cycle.part, state.regulators
         if regulators is not None:

@@ -34,7 +34,7 @@ class BodyTick:
     names : tuple of str
         Of the bodies.
     efforts : mapping of str to float
-        Torques of who drives a hinged body [N m], within the tick.
+        Torques of the drives of hinged bodies [N m], within the tick.
     """
 
     state: WorldState
@@ -163,7 +163,7 @@ class TwinBodies:
         ]
 
     def _efforts(self, t: float) -> dict[str, float]:
-        """Return the torques [N m] of those who drive hinged bodies, from a time [s] on for a tick."""
+        """Return the torques [N m] of the drives of hinged bodies, from a time [s] on for a tick."""
         efforts = {}
         for name, (number, _, drive) in self._driven.items():
             angle, rate = self.now.state.angle[number]

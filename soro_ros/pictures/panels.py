@@ -232,7 +232,7 @@ def draw_force(axis: Any, view: View) -> None:
 
 
 def draw_joint(axis: Any, view: View) -> None:
-    """Draw the angle of a hinged body, and the torque of who drives it on an axis of its own."""
+    """Draw the angle of a hinged body, and the torque of its drive on an axis of its own."""
     series = view.shown(view.recording.joint)
     axis.plot(series.t, np.degrees(series.value[:, 0]), color="C0", lw=1.0, label=f"{series.names[0]}, angle")
     axis.set(ylabel="angle [deg]")
@@ -345,7 +345,7 @@ FORCE = Panel(
     draw_force,
 )
 JOINT = Panel(
-    "joint: angle, and torque of who drives it (right)",
+    "joint: angle, and torque of its drive (right)",
     "bodies/NAME/joint",
     lambda view: view.recording.joint.t.size > 1,
     draw_joint,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:  # a run without ROS is a recording too
 SHOWN = ("chambers/state", "chambers/command", "arm/state", "arm/tip", "arm/desired/tip", "truth/tip")
 _LATCH = "chambers/latch"
 _AXIS = "truth/tip axis"
-# Of a hinged body: angle of the encoder, rate, torque of who drives it.
+# Of a hinged body: angle of the encoder, rate, torque of its drive.
 _JOINT = re.compile(r"/bodies/[^/]+/joint$")
 _USED = {
     *SHOWN,
@@ -87,7 +87,7 @@ class RunRecording:
     `shadow` has its differences from the twin beside it, whose tip is `shadow_tip`. States
     are the coordinates of the plant and those of the estimator. Forces (n, 3) [N] are those on the arm at its
     tip; `force_doubt` has the stage of contact and the covariance by name, `tip_axis` the direction of the
-    backbone at the true tip. `joint` has the angle [rad] of a hinged body and the `effort` of who drives it
+    backbone at the true tip. `joint` has the angle [rad] of a hinged body and the `effort` of its drive
     [N m]; of several, that with most messages. `said` has the changes of what the nodes say.
     `problems` are lines on what is damaged, or cannot be read and is left out.
     """

@@ -296,24 +296,19 @@ def title_of(scene: Scene) -> str:
     return f"{scene.name}: {real}{robot} on {platform}, {scene.mode}"
 
 
-def is_adapting(scene: Scene) -> bool:
-    """Whether the law of a scene adapts itself to the arm."""
-    return scene.controller.adapt and find_law(scene.controller.law).can_adapt
-
-
 def law_of(scene: Scene) -> str:
-    """Return the name of the law, and whether it adapts, if it can."""
-    law = scene.controller.law
-    return f"{law}, adaptation {'on' if is_adapting(scene) else 'off'}" if find_law(law).can_adapt else law
+    """Return the name of the law, and whether it adapts itself to the arm, if it can."""
+    law, adapts = scene.controller.law, "on" if scene.controller.adapt else "off"
+    return f"{law}, adaptation {adapts}" if find_law(law).can_adapt else law
 
 
 def rows(summary: Summary, scene: Scene) -> list[tuple[str, str]]:
     """Return the figures with their names, as texts."""
     start, last = scene.controller.reference.start_s, f"last {last_s(scene):g} s"
-    adapting = " (while adapting)" if is_adapting(scene) else ""
+    adapting = " (while adapting)" if (law := law_of(scene)).endswith(", adaptation on") else ""
     return [
         *_verdict(summary),
-        ("law", law_of(scene)),
+        ("law", law),
         ("under control", f"{summary.duration_s:.2f} of {scene.duration_s:g} s"),
         (f"tip error RMS, {start:g} to {start + WINDOW_S:g} s{adapting}", _mm(summary.tip_error_first_rms_m)),
         (f"tip error RMS, {last}", _mm(summary.tip_error_last_rms_m)),

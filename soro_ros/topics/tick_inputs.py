@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from sensor_msgs.msg import JointState
@@ -15,6 +15,7 @@ from soro_ros.conversion import messages
 
 # Messages of a topic that wait for those of another one: a recorder on a busy machine notes one far behind.
 _WAITING = 1000
+_Value = TypeVar("_Value")
 # An angle beyond this is none [rad].
 _MOST_RAD = 100.0
 
@@ -119,22 +120,22 @@ class TickInputs:
         reading, found = self._reading_at(stamp_ns), self._certainty_at(stamp_ns)
         if reading is None or (found is None and self._lockstep and self._with_covariance):
             return None
-        joint = self._joint_at(stamp_ns)
+        joint = self._at(self._joints, stamp_ns)
         if joint is None and self._waits_for_joint:
             return None
         certainty = None if found is None else found[1]
         return TickInput(self._states.popleft(), stamp_ns, reading, certainty, joint)
 
-    def _joint_at(self, stamp_ns: int) -> tuple[int, float] | None:
-        for found in reversed(self._joints):
+    def _at(self, waiting: deque[tuple[int, _Value]], stamp_ns: int) -> tuple[int, _Value] | None:
+        """Return what has this time in lockstep, in real time the newest; None if it has yet to arrive."""
+        for found in reversed(waiting):
             if found[0] == stamp_ns or not self._lockstep:
                 return found
         return None
 
     def _reading_at(self, stamp_ns: int) -> Array | None:
-        for stamp, pressure in reversed(self._readings):
-            if stamp == stamp_ns or not self._lockstep:
-                return pressure
+        if (found := self._at(self._readings, stamp_ns)) is not None:
+            return found[1]
         return None if self._lockstep else np.full(self._n_u, np.nan)
 
     def _certainty_at(self, stamp_ns: int) -> tuple[int, Certainty | None] | None:

@@ -248,7 +248,7 @@ class BodyTopics:
     def publish(self, now: BodyTick, stamp_ns: int) -> None:
         """Publish poses, joints, sums of contact forces about the centres, normal force of each contact.
 
-        A joint has the angle that its encoder tells, the true rate, and the torque of who drives it.
+        A joint has the angle that its encoder tells, the true rate, and the torque of its drive.
         """
         for name, (number, hinge, publisher) in self._joints.items():
             if not is_read(publisher):

@@ -36,7 +36,7 @@ class BodyFigures:
     largest_normal_n : float
         Largest sum of the normal forces on it during a tick of the control.
     effort_n_m : float
-        Torque of who drives a hinged body, RMS from the first time of its drive on.
+        Torque of the drive of a hinged body, RMS from its first time on [N m].
     effort_part : float
         The same over the torque that the same motion takes where nothing else holds the body.
     """
@@ -110,7 +110,7 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
 
 
 def _efforts(body: RigidBody, rows: list[tuple[float, Any]]) -> dict[str, float]:
-    """Return the figures of who drives a hinged body, from times of control [s] and joint states."""
+    """Return the figures of the drive of a hinged body, from times of control [s] and joint states."""
     if body.hinge is None or (drive := body.hinge.drive) is None:
         return {}
     driven = [(t, one.effort[0]) for t, one in rows if t >= drive.at_s[0]]

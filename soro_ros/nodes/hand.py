@@ -301,8 +301,10 @@ class HandNode(SoroNode[HandNodeConfig]):
         return "closes"
 
     def _on_open(self) -> str:
-        """Open the hand."""
+        """Open the hand; one that is open says so again, because who asks waits for a report."""
         self._closes = self._closes_itself = False
+        if self._state.phase == "open":
+            self._report("open", _WORDS["open"], OK)
         return "opens"
 
 

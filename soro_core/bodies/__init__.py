@@ -6,14 +6,15 @@ from soro_core.extras import lazy
 
 if TYPE_CHECKING:
     from soro_core.bodies.body import Attachment as Attachment
-    from soro_core.bodies.body import BallShape as BallShape
     from soro_core.bodies.body import BodyMotion as BodyMotion
-    from soro_core.bodies.body import BoxShape as BoxShape
-    from soro_core.bodies.body import CapsuleShape as CapsuleShape
-    from soro_core.bodies.body import CylinderShape as CylinderShape
-    from soro_core.bodies.body import GroundShape as GroundShape
     from soro_core.bodies.body import Hinge as Hinge
     from soro_core.bodies.body import RigidBody as RigidBody
+    from soro_core.bodies.shapes import BallShape as BallShape
+    from soro_core.bodies.shapes import BoxShape as BoxShape
+    from soro_core.bodies.shapes import CapsuleShape as CapsuleShape
+    from soro_core.bodies.shapes import CylinderShape as CylinderShape
+    from soro_core.bodies.shapes import GroundShape as GroundShape
+    from soro_core.bodies.shapes import MeshShape as MeshShape
     from soro_core.bodies.simulate import ContactRows as ContactRows
     from soro_core.bodies.simulate import WorldResult as WorldResult
     from soro_core.bodies.simulate import simulate_world as simulate_world
@@ -25,9 +26,8 @@ if TYPE_CHECKING:
 __all__, __getattr__ = lazy(
     __name__,
     {
-        ".body": (
-            "Attachment BallShape BodyMotion BoxShape CapsuleShape CylinderShape GroundShape Hinge RigidBody"
-        ),
+        ".body": "Attachment BodyMotion Hinge RigidBody",
+        ".shapes": "BallShape BoxShape CapsuleShape CylinderShape GroundShape MeshShape",
         ".simulate": "ContactRows WorldResult simulate_world",
         ".stepper": "WorldState WorldStepper",
         ".world": "BodyWorld",

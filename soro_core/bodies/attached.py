@@ -83,8 +83,8 @@ def joints_of(
         # Of a weld as far apart as the body is large: they bear its moments.
         far = max(bound, radius)
         points = np.array([[0, 0, 0], [far, 0, 0], [0, far, 0]][: 3 if body.attached.joint == "weld" else 1])
-        held = (pose[:3, :3] @ points.T).T + apart
-        found.append(Joint(list(arms).index(arm_name), b, place, 1.0 * points, held @ body.rotation))
+        held = ((pose[:3, :3] @ points.T).T + apart) @ body.rotation @ body.axes
+        found.append(Joint(list(arms).index(arm_name), b, place, 1.0 * points, held))
     return found
 
 

@@ -5,12 +5,20 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
 from soro_core.arrays import Array
+from soro_core.bodies.shapes import (
+    BallShape,
+    BoxShape,
+    CapsuleShape,
+    CylinderShape,
+    GroundShape,
+    MeshShape,
+)
 from soro_core.config import Floats, Points, Strict
 from soro_core.errors import ConfigError
 from soro_core.robot import BaseState
@@ -21,99 +29,6 @@ from soro_core.rotation import matrix_from_quaternion, rotation_exp
 GRAVITY = 9.81
 """Of the world, downwards along z [m/s^2]."""
 _ZERO = (0.0, 0.0, 0.0)
-# Lengths of a body [m]: beyond these a unit is wrong.
-_SMALL, _LARGE = 1e-4, 100.0
-_Length = Annotated[float, Field(ge=_SMALL, le=_LARGE)]
-
-
-class BallShape(Strict):
-    """A ball."""
-
-    kind: Literal["ball"] = Field("ball", description="the word for it in a file")
-    radius: _Length = Field(description="[m]")
-
-    def extents(self) -> tuple[tuple[float, ...], float]:
-        """Return sizes and bounding radius for the kernels."""
-        return (self.radius, 0.0, 0.0), self.radius
-
-    def inertia_per_mass(self) -> Array:
-        """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
-        return np.full(3, 0.4 * self.radius**2)
-
-
-class CapsuleShape(Strict):
-    """A cylinder along z between two half balls."""
-
-    kind: Literal["capsule"] = Field("capsule", description="the word for it in a file")
-    radius: _Length = Field(description="[m]")
-    length: _Length = Field(description="of the cylinder, without the half balls [m]")
-
-    def extents(self) -> tuple[tuple[float, ...], float]:
-        """Return sizes and bounding radius for the kernels."""
-        return (self.radius, 0.5 * self.length, 0.0), self.radius + 0.5 * self.length
-
-    def inertia_per_mass(self) -> Array:
-        """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
-        r, d = self.radius, self.length
-        tube = d / (d + 4.0 * r / 3.0)
-        across = tube * (r * r / 4 + d * d / 12) + (1 - tube) * (0.4 * r * r + d * d / 4 + 3 * d * r / 8)
-        return np.array([across, across, tube * 0.5 * r * r + (1 - tube) * 0.4 * r * r])
-
-
-class CylinderShape(Strict):
-    """A cylinder along z."""
-
-    kind: Literal["cylinder"] = Field("cylinder", description="the word for it in a file")
-    radius: _Length = Field(description="[m]")
-    length: _Length = Field(description="[m]")
-
-    def extents(self) -> tuple[tuple[float, ...], float]:
-        """Return sizes and bounding radius for the kernels."""
-        half = 0.5 * self.length
-        return (self.radius, half, 0.0), math.hypot(self.radius, half)
-
-    def inertia_per_mass(self) -> Array:
-        """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
-        across = self.radius**2 / 4 + self.length**2 / 12
-        return np.array([across, across, 0.5 * self.radius**2])
-
-
-class BoxShape(Strict):
-    """A box."""
-
-    kind: Literal["box"] = Field("box", description="the word for it in a file")
-    size: Vector3 = Field(description="lengths of its edges along x, y, z [m]")
-
-    @field_validator("size")
-    @classmethod
-    def _bounded(cls, value: tuple[float, ...]) -> tuple[float, ...]:
-        if not all(_SMALL <= one <= _LARGE for one in value):
-            raise ValueError(f"three lengths of {_SMALL:g} to {_LARGE:g} m")
-        return value
-
-    def extents(self) -> tuple[tuple[float, ...], float]:
-        """Return sizes and bounding radius for the kernels."""
-        half = tuple(0.5 * one for one in self.size)
-        return half, math.hypot(*half)
-
-    def inertia_per_mass(self) -> Array:
-        """Moments of inertia of a solid one about its axes per kg, (3,) [m^2]."""
-        square = np.array(self.size) ** 2
-        return np.asarray((square.sum() - square) / 12.0)
-
-
-class GroundShape(Strict):
-    """The half space z <= 0 of the body's frame; of a fixed body alone."""
-
-    kind: Literal["ground"] = Field("ground", description="the word for it in a file")
-
-    def extents(self) -> tuple[tuple[float, ...], float]:
-        """Return sizes and bounding radius for the kernels."""
-        return _ZERO, 0.0
-
-    def inertia_per_mass(self) -> Array:
-        """Zeros: it does not turn."""
-        return np.zeros(3)
 
 
 def _check_times(at_s: Floats, n: int, rows: str) -> None:
@@ -235,7 +150,7 @@ class BodyMotion(Strict):
 class RigidBody(Strict):
     """A rigid body; its position is that of its centre, which is its centre of mass."""
 
-    shape: BallShape | CapsuleShape | CylinderShape | BoxShape | GroundShape = Field(
+    shape: BallShape | CapsuleShape | CylinderShape | BoxShape | MeshShape | GroundShape = Field(
         discriminator="kind", description="its surface"
     )
     mass: float | None = Field(None, gt=0, le=1e6, description="[kg]; needed by a body that is not fixed")
@@ -277,8 +192,15 @@ class RigidBody(Strict):
         """Rotation in the world at the start, (3, 3)."""
         return matrix_from_quaternion(np.array(self.quaternion))
 
+    @property
+    def axes(self) -> Array:
+        """Axes of the moments of inertia in the body's frame, as columns (3, 3): its own but of a mesh."""
+        if isinstance(self.shape, MeshShape) and self.inertia is None:
+            return self.shape.solid.principal()[1]
+        return np.eye(3)
+
     def moments(self) -> Array:
-        """Moments of inertia about the body's axes, (3,) [kg m^2]; ones of a body that is fixed."""
+        """Moments of inertia about `axes`, (3,) [kg m^2]; ones of a body that is fixed."""
         if self.fixed or self.mass is None:
             return np.ones(3)
         own = self.mass * self.shape.inertia_per_mass() if self.inertia is None else self.inertia
@@ -289,7 +211,7 @@ class RigidBody(Strict):
         assert self.hinge is not None
         axis = np.array(self.hinge.axis) / math.hypot(*self.hinge.axis)
         lever = np.subtract(self.position, self.hinge.point)
-        own = float((self.rotation.T @ axis) ** 2 @ self.moments())
+        own = float(((self.rotation @ self.axes).T @ axis) ** 2 @ self.moments())
         return axis, lever, own + (self.mass or 0.0) * float(np.sum(np.cross(axis, lever) ** 2))
 
     def torque_alone(self, angle: float, rate: float, acceleration: float) -> float:

@@ -19,8 +19,16 @@ class _Section(Strict):
     bodies: Bodies = Field(description="by name")
 
 
+def find_shapes(bodies: object, folder: Path) -> None:
+    """Put the whole paths of files of shapes that are in a folder into a section `bodies`, as it was read."""
+    for body in bodies.values() if isinstance(bodies, dict) else ():
+        shape = body.get("shape") if isinstance(body, dict) else None
+        if isinstance(shape, dict) and (folder / (name := str(shape.get("file", "")))).is_file():
+            shape["file"] = str((folder / name).absolute())
+
+
 def load_bodies(file: str | Path) -> dict[str, RigidBody]:
-    """Read the section `bodies` of a file, such as a scene.
+    """Read the section `bodies` of a file, such as a scene; files of shapes are found beside it.
 
     Raises
     ------
@@ -28,4 +36,5 @@ def load_bodies(file: str | Path) -> dict[str, RigidBody]:
         If it has none, or a key or a value is not allowed.
     """
     data = {key: value for key, value in read_yaml(file).items() if key == "bodies"}
+    find_shapes(data.get("bodies"), Path(file).parent)
     return dict(parse(data, _Section, where=str(file)).bodies)

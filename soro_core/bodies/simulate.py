@@ -124,7 +124,7 @@ class WorldResult:
         for name, body in self.world.bodies.items():
             if body.fixed or body.mass is None:
                 continue
-            spin = np.einsum("kji,kj->ki", self.rotation[name], self.twist[name][:, :3])
+            spin = np.einsum("kji,kj->ki", self.rotation[name] @ body.axes, self.twist[name][:, :3])
             total += 0.5 * (spin**2) @ body.moments()
             total += 0.5 * body.mass * (self.twist[name][:, 3:] ** 2).sum(axis=1)
             total -= body.mass * self.place[name] @ np.asarray(self.world.gravity)
@@ -376,7 +376,7 @@ def _result(
     return WorldResult(
         t=times,
         place=by_body(rows.place),
-        rotation=by_body(rows.rotation),
+        rotation={name: one @ world.bodies[name].axes.T for name, one in by_body(rows.rotation).items()},
         twist=by_body(rows.twist),
         angle={
             name: one for name, one in by_body(rows.joint).items() if world.bodies[name].hinge is not None

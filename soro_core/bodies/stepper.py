@@ -89,7 +89,8 @@ class WorldStepper:
             )
             for name, arm in self.world.arms.items()
         }
-        return WorldState(arms, rows.place[0], rows.rotation[0], rows.twist[0], rows.joint[0])
+        turned = np.array([one.rotation for one in self.world.bodies.values()]).reshape(-1, 3, 3)
+        return WorldState(arms, rows.place[0], turned, rows.twist[0], rows.joint[0])
 
     def step(
         self,
@@ -149,7 +150,7 @@ class WorldStepper:
             if body.motion is not None and name not in driven:
                 rows.place[0, b] += body.motion(t).displacement
             if not body.fixed:
-                rows.place[0, b], rows.rotation[0, b] = state.place[b], state.rotation[b]
+                rows.place[0, b], rows.rotation[0, b] = state.place[b], state.rotation[b] @ body.axes
                 rows.twist[0, b], rows.joint[0, b] = state.twist[b], state.angle[b]
         given = (times, np.ascontiguousarray(np.concatenate(tables, axis=2)), inputs, built.radius)
         return run_rows(world, built, given, (q, v, z), rows, self._goes_on)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,6 +14,7 @@ from soro_core._box import Box
 from soro_core.arrays import Array, Integers
 from soro_core.bodies.attached import joint_tables, joints_of, refuse_displaced
 from soro_core.bodies.body import GRAVITY, BodyMotion, RigidBody, check_attachments
+from soro_core.bodies.shapes import MeshShape
 from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
     ARM,
@@ -29,6 +31,7 @@ from soro_core.bodies.stepping.records import (
     HINGE_WIDTH,
     HINGED,
     LOW,
+    MESH,
     POINT,
     SPRING,
     ArmTables,
@@ -57,7 +60,14 @@ _BOUNDS = (
     ("points_per_link", 1, 200),
     ("reach", 0.0, 1e6),
 )
-_KINDS = {"ball": BALL, "capsule": CAPSULE, "cylinder": CYLINDER, "box": BOX, "ground": GROUND}
+_KINDS = {"ball": BALL, "capsule": CAPSULE, "cylinder": CYLINDER, "box": BOX, "ground": GROUND, "mesh": MESH}
+# Entries of `BodyTables` on meshes: name, width of a row, and type.
+_MESH: tuple[tuple[str, int, type], ...] = (
+    ("corner", 3, np.float64),
+    ("plane", 4, np.float64),
+    ("edge", 2, np.int64),
+    ("triangle", 4, np.int64),
+)
 
 
 @dataclass(frozen=True)
@@ -183,7 +193,8 @@ def body_tables(world: BodyWorld) -> BodyTables:
             axis = np.array(body.hinge.axis) / math.hypot(*body.hinge.axis)
             arm = np.array(body.position) - body.hinge.point
             low, high = body.hinge.limits_rad or (-np.inf, np.inf)
-            own = axis @ (body.rotation * body.moments()) @ body.rotation.T @ axis
+            turned = body.rotation @ body.axes
+            own = axis @ (turned * body.moments()) @ turned.T @ axis
             row[POINT : POINT + 3], row[AXIS : AXIS + 3], row[ARM : ARM + 3] = body.hinge.point, axis, arm
             row[SPRING], row[DAMPER], row[LOW], row[HIGH] = (
                 body.hinge.stiffness,
@@ -201,11 +212,33 @@ def body_tables(world: BodyWorld) -> BodyTables:
         inertia=np.array([one.moments() for one in bodies]).reshape(-1, 3),
         motion=np.array(motions, dtype=np.int64),
         hinge=hinge,
-        at_zero=np.array([one.rotation for one in bodies]).reshape(-1, 3, 3),
+        at_zero=np.array([one.rotation @ one.axes for one in bodies]).reshape(-1, 3, 3),
         friction=np.array([one.friction for one in bodies], dtype=np.float64),
         restitution=np.array([one.restitution for one in bodies], dtype=np.float64),
         gravity=np.array(world.gravity, dtype=np.float64),
+        **_mesh_tables(bodies),
     )
+
+
+def _mesh_tables(bodies: Sequence[RigidBody]) -> dict[str, Any]:
+    """Entries of `BodyTables` on meshes."""
+    rows = [_mesh_rows(body) for body in bodies]
+    counts = np.array([[len(one) for one in own] for own in rows], dtype=np.int64).reshape(-1, 4)
+    found: dict[str, Any] = {"counts": counts}
+    for k, (key, width, kind) in enumerate(_MESH):
+        found[key] = np.zeros((len(bodies), counts[:, k].max(initial=0), width), dtype=kind)
+        for b, own in enumerate(rows):
+            found[key][b, : counts[b, k]] = own[k]
+    return found
+
+
+def _mesh_rows(body: RigidBody) -> list[Array | Integers]:
+    """Corners, planes, edges and triangles of a body about its principal axes; none of other shapes."""
+    if not isinstance(body.shape, MeshShape):
+        return [np.zeros((0, width)) for _, width, _ in _MESH]
+    solid, axes = body.shape.solid, body.axes
+    planes = np.column_stack((solid.planes[:, :3] @ axes, solid.planes[:, 3]))
+    return [solid.corners @ axes, planes, solid.edges, solid.triangles]
 
 
 def first_rows(world: BodyWorld, n: int) -> BodyRows:
@@ -216,7 +249,7 @@ def first_rows(world: BodyWorld, n: int) -> BodyRows:
         np.zeros((*shape, 3)), np.zeros((*shape, 3, 3)), np.zeros((*shape, 6)), np.zeros((*shape, 2))
     )
     for b, one in enumerate(bodies):
-        rows.place[0, b], rows.rotation[0, b] = one.position, one.rotation
+        rows.place[0, b], rows.rotation[0, b] = one.position, one.rotation @ one.axes
         rows.twist[0, b] = (*one.angular_velocity, *one.velocity)
     return rows
 

@@ -102,7 +102,7 @@ _NAMES = {
     "Injection.at": "s",
     **dict.fromkeys(("PointMass.place", "LinkSection.place", "Attachment.place", "TipConstraint.point"), "m"),
     **dict.fromkeys(("Plane.point", "Wall.point", "BoxShape.size", "RigidBody.position"), "m"),
-    **dict.fromkeys(("HingeAxis.point", "Hinge.point"), "m"),
+    **dict.fromkeys(("HingeAxis.point", "Hinge.point", "MeshShape.corners"), "m"),
     "RigidBody.velocity": "m/s",
     "RigidBody.angular_velocity": "rad/s",
     "RigidBody.inertia": "kgm2",

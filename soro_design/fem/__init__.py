@@ -1,5 +1,7 @@
 """Nonlinear finite elements of soft parts: materials, meshes, loads and equilibrium (docs/design.md)."""
 
+from soro_core.files.stl import read_stl as read_stl
+from soro_core.files.stl import write_stl as write_stl
 from soro_design.fem.backbone import section_poses as section_poses
 from soro_design.fem.backbone import section_strains as section_strains
 from soro_design.fem.contact import Contact as Contact
@@ -39,8 +41,6 @@ from soro_design.fem.meshes.rod import Rod as Rod
 from soro_design.fem.meshes.rod import RodCounts as RodCounts
 from soro_design.fem.meshes.rod import RodShape as RodShape
 from soro_design.fem.meshes.rod import rod_mesh as rod_mesh
-from soro_design.fem.meshes.stl import read_stl as read_stl
-from soro_design.fem.meshes.stl import write_stl as write_stl
 from soro_design.fem.meshes.surface import extruded as extruded
 from soro_design.fem.meshes.surface import revolved as revolved
 from soro_design.fem.meshes.surface import solid_surface as solid_surface

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from soro_core.arrays import Array, Integers
 from soro_core.errors import ConfigError, ModelError
+from soro_core.files.stl import read_stl
 from soro_design.fem.elements.mesh import Mesh
 from soro_design.fem.meshes.cavities import inner_surfaces, surface_around, surface_of
 from soro_design.fem.meshes.mesh_files import MeshFile
-from soro_design.fem.meshes.stl import read_stl
 from soro_design.parts.mesh_geometry import MeshGeometry, Region
 
 # A node is at a bound of a region if it is nearer than this part of the size of the mesh.

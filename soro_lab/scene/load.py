@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from soro_core.bodies.files import find_shapes
 from soro_core.config import config_folder, find_config, parse, read_yaml, with_changes
 from soro_core.control.laws.registry import with_folder
 from soro_core.errors import ConfigError
@@ -159,6 +160,8 @@ def _find_files(data: dict[str, Any], folder: Path) -> None:
         name = section.get(key) if isinstance(section, dict) else None
         if isinstance(name, str) and Path(name).suffix and (folder / name).is_file():
             section[key] = str((folder / name).absolute())
+    if "bodies" in data:
+        find_shapes(data["bodies"], folder)
     beside = folder
     if isinstance(name := data.get("controller"), str):
         file = find_config(name, "controllers")

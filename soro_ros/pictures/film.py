@@ -196,8 +196,10 @@ class AnimatedFigure:
         passed = (true.t >= shown.t[k] - TRACE_S) & (true.t <= shown.t[k]) & (true.t >= 0.0)
         path = self._ribbon(true.value[passed], 1.3 * width, _RED, shown.poses[k, -1, :3, 3])
         path[0][..., 2] += 8 * width  # over the reference where the two are together
+        arm, *bodies = [(self._camera.project(corners), colours) for corners, colours in solid]
         pieces = [
-            *((self._camera.project(corners), colours) for corners, colours in solid),
+            arm,
+            *_towards_viewer(bodies),
             self._ribbon(self._wanted, 1.6 * width, _PALE, shown.poses[k, -1, :3, 3]),
             path,
         ]
@@ -279,6 +281,16 @@ class AnimatedFigure:
         axis.tick_params(labelsize=8, colors=_TEXT, length=2, color=_PALE)
         axis.grid(axis="y", alpha=0.25)
         axis.set_axisbelow(True)
+
+
+def _towards_viewer(bodies: list[tuple[Array, Array]]) -> list[tuple[Array, Array]]:
+    """Faces, as seen, of closed bodies, and their colours, without those that are turned away."""
+    shown = []
+    for corners, colours in bodies:
+        one, other = corners[:, 2, :2] - corners[:, 0, :2], corners[:, 3, :2] - corners[:, 1, :2]
+        towards = one[:, 0] * other[:, 1] > one[:, 1] * other[:, 0]
+        shown.append((corners[towards], colours[towards]))
+    return shown
 
 
 def _show_faces(faces: PolyCollection, corners: Array) -> None:

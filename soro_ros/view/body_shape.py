@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from soro_core.arrays import Array
-from soro_core.bodies import BallShape, BoxShape, CapsuleShape, GroundShape, RigidBody
+from soro_core.bodies import BallShape, BoxShape, CapsuleShape, GroundShape, MeshShape, RigidBody
 from soro_core.robot import Plane
 
 FREE_COLOUR, FIXED_COLOUR = np.array([0.90, 0.62, 0.0]), np.array([0.80, 0.74, 0.62])
@@ -24,6 +24,9 @@ def faces_of(body: RigidBody) -> Array:
         side = np.array([[1, -1, -1], [1, 1, -1], [1, 1, 1], [1, -1, 1]])
         sides = [np.roll(sign * side[::sign], k, axis=1) for k in range(3) for sign in (1, -1)]
         return np.asarray(np.array(sides) * 0.5 * np.array(shape.size))
+    if isinstance(shape, MeshShape):
+        solid = shape.solid
+        return np.asarray(solid.corners[solid.triangles[:, [0, 1, 2, 2]]])
     half = 0.0 if isinstance(shape, BallShape) else 0.5 * shape.length
     if isinstance(shape, BallShape | CapsuleShape):
         latitude = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 13)

@@ -10,6 +10,7 @@ import math
 
 from soro_core._jit import inner
 from soro_core.arrays import Array
+from soro_core.bodies.stepping.polyhedra import polyhedron_distance
 from soro_core.bodies.stepping.records import (
     ALONG,
     ALONG_OTHER,
@@ -18,6 +19,7 @@ from soro_core.bodies.stepping.records import (
     HERE,
     LOCAL,
     LOCAL_OUT,
+    MESH,
     OUT,
     THERE,
     WorldTables,
@@ -38,7 +40,10 @@ def distance(w: WorldTables, b: int, x: Array) -> float:
     local, own = w.points[LOCAL], w.points[LOCAL_OUT]
     subtract(x, w.now.place[b], own)
     turn_back(w.now.rotation[b], own, local)
-    d = surface_distance(w.bodies.kind[b], w.bodies.size[b], local, own)
+    if w.bodies.kind[b] == MESH:
+        d = polyhedron_distance(w.bodies, b, local, own, w.points[0:3])
+    else:
+        d = surface_distance(w.bodies.kind[b], w.bodies.size[b], local, own)
     turn(w.now.rotation[b], own, w.points[OUT])
     return d
 

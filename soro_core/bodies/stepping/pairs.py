@@ -13,14 +13,17 @@ from soro_core.bodies.stepping.records import (
     ANGLE,
     AXIS,
     BALL,
+    CORNERS,
     CYLINDER,
     DRIVEN,
     EDGE,
+    EDGES,
     ENDS,
     GROUND,
     HERE,
     HINGED,
     LOW,
+    MESH,
     MOST_CONTACTS,
     OUT,
     TOWARDS,
@@ -30,8 +33,8 @@ from soro_core.bodies.stepping.surfaces import corners, edge, skin
 from soro_core.bodies.stepping.vectors import subtract, turn, turn_back
 
 # Features of a pair of surfaces in a key: corners, edges, their ends on a face, and points of rims.
-FEATURES = 64
-_EDGES, _ENDS, _RIMS = 12, 24, 48
+FEATURES = 1024
+_EDGES, _ENDS, _RIMS = 64, 256, 640
 # An edge this near to its end touches with a corner.
 _END = 1e-3
 
@@ -41,6 +44,30 @@ def _to_world(w: WorldTables, a: int, corner: Array, x: Array) -> None:
     turn(w.now.rotation[a], corner, x)
     for r in range(3):
         x[r] += w.now.place[a, r]
+
+
+@inner
+def _corners_of(w: WorldTables, a: int, towards: Array) -> int:
+    """w.corners <- points by which body a touches others, in its frame; gives their number."""
+    t = w.bodies
+    if t.kind[a] != MESH:
+        return corners(t.kind[a], t.size[a], towards, w.corners)
+    n = int(t.counts[a, CORNERS])
+    for i in range(n):
+        for r in range(3):
+            w.corners[i, r] = t.corner[a, i, r]
+    return n
+
+
+@inner
+def _edge_of(w: WorldTables, a: int, e: int) -> tuple[int, int]:
+    """Corners at the ends of edge e, (0, 0) behind the last."""
+    t = w.bodies
+    if t.kind[a] != MESH:
+        return edge(t.kind[a], e)
+    if e < t.counts[a, EDGES]:
+        return int(t.edge[a, e, 0]), int(t.edge[a, e, 1])
+    return 0, 0
 
 
 @inner
@@ -70,7 +97,7 @@ def _touch_edges(
     t, here, ends, line = w.bodies, w.points[HERE], w.points[ENDS], w.points[EDGE : EDGE + 4]
     a, b = pair
     radius, e = skin(t.kind[a], t.size[a]), 0
-    first, last = edge(t.kind[a], e)
+    first, last = _edge_of(w, a, e)
     while first != last:
         _to_world(w, a, w.corners[first], line[0])
         _to_world(w, a, w.corners[last], line[1])
@@ -92,7 +119,7 @@ def _touch_edges(
         ):
             return False
         e += 1
-        first, last = edge(t.kind[a], e)
+        first, last = _edge_of(w, a, e)
     return True
 
 
@@ -107,7 +134,7 @@ def _touch_corners(w: WorldTables, pair: tuple[int, int], h: float, margin: floa
     turn_back(w.now.rotation[a], w.points[OUT], towards)
     for r in range(3):
         towards[r] = -towards[r]
-    n = corners(t.kind[a], t.size[a], towards, w.corners)
+    n = _corners_of(w, a, towards)
     face = 0 if t.kind[a] == BALL else face_towards(w, a, b)
     for i in range(n):
         _to_world(w, a, w.corners[i], w.points[HERE])

@@ -14,7 +14,9 @@ from soro_core._box import Box, address_of
 from soro_core._jit import kernel
 from soro_core.arrays import Array, Flags, Integers
 
-BALL, CAPSULE, CYLINDER, BOX, GROUND = 0, 1, 2, 3, 4
+BALL, CAPSULE, CYLINDER, BOX, GROUND, MESH = 0, 1, 2, 3, 4, 5
+# Entries of `BodyTables.counts`.
+CORNERS, PLANES, EDGES, TRIANGLES = 0, 1, 2, 3
 FREE, HINGED, DRIVEN = 0, 1, 2
 # Entries of `BodyTables.hinge`: a point of the axis, its direction, the centre of mass from the point at
 # angle 0 (all in the world), stiffness, damping, least and largest angle, and inertia about the axis.
@@ -34,7 +36,7 @@ class BodyTables(NamedTuple):
 
     kind: Integers
     size: Array
-    """Radius; radius and half of the length; half of the edges; (n, 3) [m]."""
+    """Radius; radius and half of the length; half of the edges; of a mesh the nearest face; (n, 3) [m]."""
     bound: Array
     """Radius of the ball about the centre that holds the body [m]; of the ground 0."""
     mass: Array
@@ -48,6 +50,16 @@ class BodyTables(NamedTuple):
     friction: Array
     restitution: Array
     gravity: Array
+    counts: Integers
+    """Of meshes: corners, planes, edges and triangles, (n, 4); rows of these are padded."""
+    corner: Array
+    """(n, most, 3) [m]."""
+    plane: Array
+    """Normals outwards and distances, (n, most, 4)."""
+    edge: Integers
+    """Corners at both ends, (n, most, 2)."""
+    triangle: Integers
+    """Corners, counter-clockwise from outside, and plane, (n, most, 4)."""
 
 
 class BodyRows(NamedTuple):
@@ -197,7 +209,7 @@ class WorldTables(NamedTuple):
     points: Array
     """Scratch: points and directions, (N_POINTS, 3)."""
     corners: Array
-    """Corners of a body, (12, 3)."""
+    """Corners of a body, (12 or more, 3)."""
 
 
 class StepPart(NamedTuple):
@@ -216,7 +228,7 @@ class StepPart(NamedTuple):
 # edge of a body as a piece; places on two pieces and their derivatives; the normal of a surface in the world
 # and in the body; a point seen from a body.
 ENDS, TOWARDS, EDGE, HERE, ALONG, BEND, THERE, ALONG_OTHER, BEND_OTHER = 3, 4, 5, 9, 10, 11, 12, 13, 14
-OUT, LOCAL_OUT, LOCAL, N_POINTS = 15, 16, 17, 18
+OUT, LOCAL_OUT, LOCAL, FACING, N_POINTS = 15, 16, 17, 18, 19
 
 
 @kernel
@@ -264,7 +276,8 @@ def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[
     )
     now = BodyRows(np.zeros((n_b, 3)), np.zeros((n_b, 3, 3)), np.zeros((n_b, 6)), np.zeros((n_b, 2)))
     then = BodyRows(np.zeros((n_b, 3)), np.zeros((n_b, 3, 3)), np.zeros((n_b, 6)), np.zeros((n_b, 2)))
-    return Box(WorldTables(bodies, now, then, movers, contacts, np.zeros((N_POINTS, 3)), np.zeros((12, 3))))
+    corners = np.zeros((max(12, bodies.corner.shape[1]), 3))
+    return Box(WorldTables(bodies, now, then, movers, contacts, np.zeros((N_POINTS, 3)), corners))
 
 
 @kernel

@@ -17,6 +17,8 @@ _NONE = 1e-9
 RIM = 6
 # Gap [m] below which a contact is solved for, beside what the motion of a step closes.
 NEAR = 2e-4
+# A corner this far beside a face [m] still stands on it; an edge this steep, by its sine, does not lie on it.
+BESIDE, STEEP = 1e-5, 0.02
 
 
 @inner

@@ -18,10 +18,10 @@ from numpy.typing import ArrayLike, NDArray
 from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_core.extras import named_packages
+from soro_core.files.stl import read_stl
 from soro_design.fem.elements.mesh import Mesh, Space, make_mesh
 from soro_design.fem.meshes.foreign_mesh import read_foreign
 from soro_design.fem.meshes.named_sets import named_sets
-from soro_design.fem.meshes.stl import read_stl
 from soro_design.fem.meshes.surface import is_closed, volume
 
 # Nodes of the new elements by the corners of which each is the middle, and the orders of corners, of the same

@@ -33,10 +33,11 @@ def fingers(n=3, radius=0.035, **changes):
     return arms
 
 
-def grip(shape=None, arms=None, friction=0.8, **keys):
+def grip(shape=None, arms=None, friction=0.8, half=None, **keys):
     """Three fingers around an object at z = -60 mm, and a table below it."""
     shape = shape or BallShape(radius=0.016)
-    half = shape.radius if isinstance(shape, BallShape) else 0.5 * shape.length
+    if half is None:
+        half = shape.radius if isinstance(shape, BallShape) else 0.5 * shape.length
     return BodyWorld(
         {
             "object": RigidBody(shape=shape, mass=MASS, position=[0.0, 0.0, -0.06], friction=friction),

@@ -14,16 +14,16 @@ HEAD = """<option timestep="2e-4" cone="elliptic" impratio="100" integrator="imp
 <default><geom solref="2e-3 1" solimp="0.99 0.999 1e-4" condim="3"/></default>"""
 
 
-def load(body, gravity):
+def load(body, gravity, assets=""):
     """Make a model; gives model and data."""
-    model = mujoco.MjModel.from_xml_string(f"<mujoco>{HEAD}<worldbody>{body}</worldbody></mujoco>")
+    model = mujoco.MjModel.from_xml_string(f"<mujoco>{HEAD}{assets}<worldbody>{body}</worldbody></mujoco>")
     model.opt.gravity = gravity
     return model, mujoco.MjData(model)
 
 
-def play(body, seconds, gravity=(0.0, 0.0, -WEIGHT), **controls):
+def play(body, seconds, gravity=(0.0, 0.0, -WEIGHT), assets="", **controls):
     """Run a model; gives model and data."""
-    model, data = load(body, gravity)
+    model, data = load(body, gravity, assets)
     for name, values in controls.items():
         getattr(data, name)[:] = values
     while data.time < seconds:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
+from soro_core.files.stl import write_stl
 from soro_design.fem.elements.mesh import make_mesh
 from soro_design.fem.meshes.blocks import block, sphere, tube
 from soro_design.fem.meshes.cavities import inner_surfaces, surface_around, surface_of
-from soro_design.fem.meshes.stl import write_stl
 from soro_design.fem.meshes.surface import is_closed, pieces, solid_surface, volume
 from soro_design.fem.meshes.vtu import write_vtu
 from soro_design.parts.file import load_part

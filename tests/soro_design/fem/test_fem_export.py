@@ -5,7 +5,7 @@ import pytest
 from typer.testing import CliRunner
 
 from soro_core.errors import ConfigError
-from soro_design.fem.meshes.stl import read_stl
+from soro_core.files.stl import read_stl
 from soro_design.fem.meshes.surface import is_closed, volume
 from soro_ros.cli import application
 from tests.soro_design.fem.small_parts import ROD, TUBE, written

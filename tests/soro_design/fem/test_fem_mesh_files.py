@@ -8,12 +8,12 @@ import pytest
 
 from soro_core.errors import ModelError
 from soro_core.extras import MissingPackageError
+from soro_core.files.stl import write_stl
 from soro_design.fem.elements.mesh import make_mesh
 from soro_design.fem.loads import no_loads, traction
 from soro_design.fem.meshes.blocks import block, tube
 from soro_design.fem.meshes.cavities import inner_surfaces
 from soro_design.fem.meshes.mesh_files import mesh_step, mesh_stl, read_mesh, refined, write_mesh
-from soro_design.fem.meshes.stl import write_stl
 from soro_design.fem.meshes.surface import is_closed, solid_surface, volume
 from soro_design.fem.part import make_part
 from soro_design.fem.solve.newton import solve

@@ -9,9 +9,9 @@ import pytest
 from typer.testing import CliRunner
 
 from soro_core.extras import MissingPackageError
+from soro_core.files.stl import read_stl, write_stl
 from soro_design.fem import EquilibriumState
 from soro_design.fem.meshes.mesh_files import read_mesh
-from soro_design.fem.meshes.stl import read_stl, write_stl
 from soro_design.fem.meshes.surface import pieces, solid_surface, volume
 from soro_design.parts.file import load_part, material_of
 from soro_design.parts.picture import obstacle_lines

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from soro_core.errors import ModelError
+from soro_core.files.stl import read_stl, write_stl
 from soro_design.fem.meshes.blocks import block, revolved_tube, sphere, tube
-from soro_design.fem.meshes.stl import read_stl, write_stl
 from soro_design.fem.meshes.surface import extruded, is_closed, revolved, solid_surface, volume
 from tests.refused import fails
 

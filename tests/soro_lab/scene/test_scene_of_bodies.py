@@ -3,12 +3,14 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 import yaml
 
 from soro_core.bodies import BallShape, BodyMotion
 from soro_core.bodies.files import load_bodies
 from soro_core.errors import ConfigError
+from soro_core.files.stl import write_stl
 from soro_lab.scene import check_scene, load_scene, require_one_arm
 
 BALL = {"shape": {"kind": "ball", "radius": "16 mm"}, "mass": "30 g", "position": [0.0, 0.0, 0.1]}
@@ -42,6 +44,21 @@ def test_bodies_are_read_with_their_units_and_written_out_again(scene_of, tmp_pa
     assert load_bodies(file) == scene.bodies
 
 
+def test_a_mesh_is_found_beside_the_scene_and_kept_by_its_corners(scene_of, tmp_path):
+    corners = np.array([[0, 0, 0], [0.03, 0, 0], [0, 0.03, 0], [0, 0, 0.03]])
+    write_stl(tmp_path / "tip.stl", corners, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
+    scene = scene_of({"tip": {**BALL, "shape": {"kind": "mesh", "file": "tip.stl"}}})
+    rows = [["0 mm", 0.0, 0.0], ["30 mm", 0.0, 0.0], [0.0, "30 mm", 0.0], [0.0, 0.0, "3 cm"]]
+    by_corners = scene_of({"tip": {**BALL, "shape": {"kind": "mesh", "corners": rows}}}).bodies["tip"]
+    by_file = scene.bodies["tip"]
+    assert by_file.shape.solid.volume == pytest.approx(4.5e-6, rel=1e-6)
+    assert by_corners.shape.solid.volume == pytest.approx(4.5e-6, rel=1e-9)
+    (tmp_path / "tip.stl").unlink()
+    file = tmp_path / "used.yaml"
+    file.write_text(yaml.safe_dump(scene.to_dict()))
+    assert load_bodies(file)["tip"] == by_file
+
+
 def test_bodies_are_those_of_the_scene_and_of_no_arm(scene_of):
     scene = scene_of({"ball": BALL}, arms={"left": {"base_position": [-0.1, 0.0, 0.0]}, "right": None})
     assert list(scene.bodies) == ["ball"]
@@ -54,7 +71,9 @@ def test_bodies_are_those_of_the_scene_and_of_no_arm(scene_of):
         ({"ball": {**BALL, "mass": None}}, {}, "bodies.ball: .*a mass above 0"),
         ({"ball": {**BALL, "colour": 1}}, {}, "bodies.ball.colour: .*an unknown key"),
         ({"ball": {**BALL, "shape": {"kind": "ball"}}}, {}, "bodies.ball.shape.radius: .*nothing"),
-        ({"ball": {**BALL, "shape": {"kind": "mesh"}}}, {}, "bodies.ball.shape.kind: .*mesh"),
+        ({"ball": {**BALL, "shape": {"kind": "cone"}}}, {}, "bodies.ball.shape.kind: .*mesh"),
+        ({"ball": {**BALL, "shape": {"kind": "mesh"}}}, {}, "bodies.ball.shape.corners: .*or a file"),
+        ({"ball": {**BALL, "shape": {"kind": "mesh", "file": "no.stl"}}}, {}, r"bodies.ball.shape.*no\.stl"),
         ({"Ball": BALL}, {}, "bodies.Ball"),
         ({"arm": BALL}, {}, "bodies.arm: .*a name that no arm has"),
         ({"left": BALL}, {"arms": {"left": None, "right": None}}, "bodies.left: .*a name that no arm has"),

@@ -6,7 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from soro_core.bodies import BallShape, BoxShape, CapsuleShape, CylinderShape, GroundShape, RigidBody
+from soro_core.bodies import (
+    BallShape,
+    BoxShape,
+    CapsuleShape,
+    CylinderShape,
+    GroundShape,
+    MeshShape,
+    RigidBody,
+)
 from soro_core.robot import load_robot
 from soro_core.rotation import matrix_from_quaternion
 from soro_lab.scene import load_scene
@@ -25,6 +33,7 @@ VOLUMES = {
     CapsuleShape(radius=R, length=L): 4 / 3 * np.pi * R**3 + np.pi * R**2 * L,
     CylinderShape(radius=R, length=L): np.pi * R**2 * L,
     BoxShape(size=[0.01, 0.02, 0.03]): 6e-6,
+    MeshShape(corners=[0, 0, 0, 0.03, 0, 0, 0, 0.03, 0, 0, 0, 0.03]): 4.5e-6,
 }
 TURNED = [0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)]
 
@@ -42,9 +51,13 @@ def test_the_surface_encloses_the_volume_and_points_outwards(shape):
     volume = np.sum(a * np.cross(b, c)) / 6.0
     assert volume == pytest.approx(VOLUMES[shape], rel=0.05 if shape.kind in ("ball", "capsule") else 0.02)
     size, _ = shape.extents()
-    expected = {"ball": [R] * 3, "capsule": [R, R, R + L / 2], "cylinder": [R, R, L / 2], "box": size}[
-        shape.kind
-    ]
+    expected = {
+        "ball": [R] * 3,
+        "capsule": [R, R, R + L / 2],
+        "cylinder": [R, R, L / 2],
+        "box": size,
+        "mesh": [0.0225] * 3,  # a tetrahedron, about its centre of mass
+    }[shape.kind]
     assert vertices.max(axis=0) == pytest.approx(expected, rel=0.01)
 
 

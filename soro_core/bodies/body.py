@@ -154,7 +154,9 @@ class RigidBody(Strict):
         discriminator="kind", description="its surface"
     )
     mass: float | None = Field(None, gt=0, le=1e6, description="[kg]; needed by a body that is not fixed")
-    inertia: Vector3 | None = Field(None, description="about its axes [kg m2]; default that of a solid body")
+    inertia: Vector3 | None = Field(
+        None, description="about its axes, those of a file of a mesh [kg m2]; default that of a solid body"
+    )
     position: Vector3 = Field(_ZERO, description="in the world [m]")
     quaternion: Quaternion = Field((0.0, 0.0, 0.0, 1.0), description="x, y, z, w")
     velocity: Vector3 = Field(_ZERO, description="at the start [m/s]")
@@ -194,9 +196,9 @@ class RigidBody(Strict):
 
     @property
     def axes(self) -> Array:
-        """Axes of the moments of inertia in the body's frame, as columns (3, 3): its own but of a mesh."""
+        """Axes of `moments` in the body's frame, as columns (3, 3): principal ones of a mesh alone."""
         if isinstance(self.shape, MeshShape) and self.inertia is None:
-            return self.shape.solid.principal()[1]
+            return self.shape.solid.axes
         return np.eye(3)
 
     def moments(self) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING
@@ -16,8 +17,8 @@ if TYPE_CHECKING:
 
 MOST_CORNERS = 60
 """Corners of a hull: each is looked at in each step."""
-# Parts of the size: a corner this near to the hull of the others is none, faces this parallel are one.
-_FLAT, _PARALLEL = 1e-6, 1e-9
+# A corner this near to the hull of the others is none, in parts of the size; so faces with this angle [rad].
+_FLAT = 1e-6
 # Largest volume that a mesh may lack of its hull, as a part of the hull.
 _CONVEX = 1e-3
 
@@ -42,6 +43,10 @@ class Polyhedron:
         Centre of mass, from where the given corners count [m].
     inertia_per_mass : ndarray (3, 3)
         About the centre of mass [m^2].
+    principal : ndarray (3,)
+        Principal moments per mass [m^2].
+    axes : ndarray (3, 3)
+        Principal axes, as columns.
     """
 
     corners: Array
@@ -51,18 +56,11 @@ class Polyhedron:
     volume: float
     centre: Array
     inertia_per_mass: Array
-
-    def principal(self) -> tuple[Array, Array]:
-        """Return the principal moments per mass (3,) [m^2], and the axes as columns (3, 3)."""
-        tensor = self.inertia_per_mass
-        own = np.diag(np.diag(tensor))
-        if np.abs(tensor - own).max() <= 1e-9 * np.abs(own).max():
-            return np.diag(tensor), np.eye(3)
-        moments, axes = np.linalg.eigh(tensor)
-        return moments, axes * np.sign(np.linalg.det(axes))
+    principal: Array
+    axes: Array
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=1024)
 def polyhedron(corners: tuple[float, ...]) -> Polyhedron:
     """Return the hull of corners.
 
@@ -79,10 +77,12 @@ def polyhedron(corners: tuple[float, ...]) -> Polyhedron:
     points = np.reshape(np.array(corners, dtype=np.float64), (-1, 3))
     if len(points) > MOST_CORNERS:
         raise ValueError(f"at most {MOST_CORNERS} corners, not {len(points)}")
+    middle = points.mean(axis=0) if len(points) else np.zeros(3)
+    points = points - middle  # so that no digits are lost far from the origin
     hull = _hull(points)
     if inner := sorted(set(range(len(points))) - set(hull.vertices.tolist())):
-        which = f"number {inner[0]}, {short(points[inner[0]].tolist())}"
-        raise ValueError(f"corners of one convex hull; {which}, lies within that of the others")
+        which = f"number {inner[0]}, {short((points[inner[0]] + middle).tolist())}, counted from 0"
+        raise ValueError(f"corners of one convex hull, each once; {which}, is none of the hull of the others")
     triangles = _outwards(hull)
     volume, centre, second = _moments(points[triangles])
     faces, planes = _planes(hull)
@@ -93,14 +93,18 @@ def polyhedron(corners: tuple[float, ...]) -> Polyhedron:
         for u in beside
         if t < u and faces[t] != faces[u]
     ]
+    inertia = np.trace(second) * np.eye(3) - second
+    moments, axes = _principal(inertia)
     return Polyhedron(
         corners=points - centre,
         planes=planes,
         edges=np.array(pairs, dtype=np.int64),
         triangles=np.column_stack((triangles, faces)).astype(np.int64),
         volume=volume,
-        centre=centre,
-        inertia_per_mass=np.trace(second) * np.eye(3) - second,
+        centre=middle + centre,
+        inertia_per_mass=inertia,
+        principal=moments,
+        axes=axes,
     )
 
 
@@ -110,33 +114,37 @@ def corners_of_mesh(points: Array, triangles: Integers) -> Array:
     Parameters
     ----------
     points, triangles : ndarray (n, 3), ndarray of int (t, 3)
-        Turned outwards.
+        Turned all outwards or all inwards.
 
     Raises
     ------
     ValueError
         If the mesh is not convex, or has too many corners.
     """
-    hull = _hull(points)
-    volume = _moments(points[triangles])[0]
-    if not abs(volume - hull.volume) <= _CONVEX * hull.volume:
-        part = 100.0 * volume / hull.volume
-        raise ValueError(f"a closed convex mesh; this one fills {part:.1f} % of its hull")
-    if len(hull.vertices) > MOST_CORNERS:
-        raise ValueError(f"a mesh of at most {MOST_CORNERS} corners, not {len(hull.vertices)}: simplify it")
-    return np.asarray(points[np.sort(hull.vertices)])
+    middle = points.mean(axis=0)
+    hull = _hull(points - middle)
+    part = abs(_volume((points - middle)[triangles])) / hull.volume
+    if not abs(part - 1.0) <= _CONVEX:
+        raise ValueError(f"a closed convex mesh; this one fills {100.0 * part:.1f} % of its hull")
+    kept = len(points) + 1
+    while len(hull.vertices) < kept:  # of nearly flat corners a smaller number may make others flat
+        kept, points = len(hull.vertices), points[np.sort(hull.vertices)]
+        hull = _hull(points - points.mean(axis=0))
+    if len(points) > MOST_CORNERS:
+        raise ValueError(f"a mesh of at most {MOST_CORNERS} corners, not {len(points)}: simplify it")
+    return np.asarray(points)
 
 
 def _hull(points: Array) -> ConvexHull:
+    """Hull of points about their middle."""
     from scipy.spatial import ConvexHull, QhullError  # of meshes alone: a tenth of a second
 
-    size = np.ptp(points, axis=0).max() if len(points) else 0.0
-    try:
+    size, hull = np.abs(points).max() if len(points) else 0.0, None
+    if len(points) > 3 and np.linalg.svd(points, compute_uv=False)[-1] > _FLAT * size:
         # The facets that are flat within a part of the size are one: what lies in them is no corner.
-        hull = ConvexHull(points, qhull_options=f"Qt C{_FLAT * size}")
-    except (QhullError, ValueError):
-        hull = None
-    if hull is None or not hull.volume > _FLAT * size**3:
+        with suppress(QhullError):
+            hull = ConvexHull(points, qhull_options=f"Qt C{_FLAT * size}")
+    if hull is None:
         raise ValueError(f"four or more corners that span a volume, not {len(points)} within a plane")
     return hull
 
@@ -156,18 +164,32 @@ def _planes(hull: ConvexHull) -> tuple[Integers, Array]:
     planes: list[list[float]] = []
     for t, (*normal, offset) in enumerate(hull.equations):
         if faces[t] < 0:
-            alike = hull.equations[:, :3] @ normal > 1.0 - _PARALLEL
+            alike = np.linalg.norm(hull.equations[:, :3] - normal, axis=1) < _FLAT
             faces[alike & (faces < 0)] = len(planes)
             planes.append([*normal, -offset])
     return faces, np.array(planes)
 
 
+def _volume(triangles: Array) -> float:
+    """Volume of what triangles (t, 3, 3) enclose, negative where they are turned inwards."""
+    return float(np.einsum("ij,ij->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2]))) / 6.0
+
+
 def _moments(triangles: Array) -> tuple[float, Array, Array]:
     """Volume, centre (3,), and mean (3, 3) of x x' about the centre, of what triangles (t, 3, 3) enclose."""
     six = np.einsum("ij,ij->i", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2]))
-    volume = float(six.sum()) / 6.0
+    volume = _volume(triangles)
     total = triangles.sum(axis=1)
     centre = (six @ total) / (24.0 * volume)
     # Of a tetrahedron with a corner at the origin: 6 V / 120 (sum of x x' + total total').
     own = np.einsum("t,tki,tkj->ij", six, triangles, triangles) + np.einsum("t,ti,tj->ij", six, total, total)
     return volume, centre, own / (120.0 * volume) - np.outer(centre, centre)
+
+
+def _principal(inertia: Array) -> tuple[Array, Array]:
+    """Principal moments (3,), and axes as columns (3, 3): the given ones where they are principal."""
+    own = np.diag(inertia)
+    if np.abs(inertia - np.diag(own)).max() <= 1e-9 * own.max():
+        return own, np.eye(3)
+    moments, axes = np.linalg.eigh(inertia)
+    return moments, axes * np.sign(np.linalg.det(axes))

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, ValidationError, field_validator, model_validator
 
 from soro_core.arrays import Array
 from soro_core.bodies.polyhedron import Polyhedron, corners_of_mesh, polyhedron
-from soro_core.config import Points, Strict
+from soro_core.config import InnerError, Points, Strict
 from soro_core.errors import ModelError
 from soro_core.files.stl import read_stl
 from soro_core.robot.vectors import Vector3
@@ -98,41 +98,58 @@ class BoxShape(Strict):
         return np.asarray((square.sum() - square) / 12.0)
 
 
+class StlFile(Strict):
+    """A convex mesh of an STL file, in place of its corners."""
+
+    kind: Literal["mesh"] = Field("mesh", description="the word for it in a file")
+    file: str = Field(description="an STL file of a closed convex mesh")
+    unit_m: float = Field(1e-3, gt=0, le=1.0, description="unit of the file [m]")
+
+    def corners(self) -> Array:
+        """Read the corners of the hull, (n, 3) [m].
+
+        Raises
+        ------
+        ValueError
+            If the file cannot be read, or its mesh is not convex.
+        """
+        try:
+            return corners_of_mesh(*read_stl(self.file, self.unit_m))
+        except ModelError as error:
+            why = str(error).partition("; allowed")[0]
+            raise ValueError(f"an STL file; {why}") from None
+
+
 class MeshShape(Strict):
-    """A convex polyhedron: the hull of its corners."""
+    """A convex polyhedron: the hull of its corners, about its centre of mass."""
 
     kind: Literal["mesh"] = Field("mesh", description="the word for it in a file")
     corners: Points = Field(
-        description="x, y, z of each [m], or a file; of any origin: the body counts from its centre of mass"
+        description="x, y, z of each [m], of any origin; or file: an STL file, and its unit_m (1e-3)"
     )
-    file: str = Field("", description="an STL file in place of the corners: a closed convex mesh")
-    unit_m: float = Field(1e-3, gt=0, le=1.0, description="unit of the file")
 
     @model_validator(mode="before")
     @classmethod
     def _read(cls, data: Any) -> Any:
-        """Take the corners from the file, so that what is kept of a run holds them."""
-        if not isinstance(data, Mapping) or not (file := data.get("file")):
-            return data
-        if "corners" in data:
-            raise ValueError("corners or file, not both")
-        unit_m = data.get("unit_m", 1e-3)
-        if not (isinstance(file, str) and isinstance(unit_m, float | int)):
+        """Take the corners from a file, so that what is kept of a run holds them."""
+        if not isinstance(data, Mapping) or "file" not in data:
             return data
         try:
-            found = corners_of_mesh(*read_stl(file, float(unit_m)))
-        except ModelError as error:
-            raise ValueError(f"an STL file: {error}") from None
-        return {"kind": "mesh", "corners": found.tolist()}
+            given = StlFile.model_validate(data)
+        except ValidationError as error:
+            raise InnerError(error, StlFile) from None
+        return {"kind": given.kind, "corners": given.corners().tolist()}
 
     @field_validator("corners")
     @classmethod
     def _convex(cls, value: tuple[float, ...]) -> tuple[float, ...]:
         if len(value) % 3:
             raise ValueError(f"x, y and z of each corner, not {len(value)} numbers")
-        size = np.ptp(np.reshape(value, (-1, 3)), axis=0).max() if value else 0.0
-        if not _SMALL <= size <= _LARGE:
-            raise ValueError(f"corners that are {_SMALL:g} to {_LARGE:g} m apart")
+        rows = np.reshape(value, (-1, 3))
+        if not (value and np.ptp(rows, axis=0).max() >= _SMALL and np.abs(rows).max() <= _LARGE):
+            raise ValueError(
+                f"corners {_SMALL:g} m apart or more, and at most {_LARGE:g} m from their origin"
+            )
         polyhedron(value)
         return value
 
@@ -142,13 +159,13 @@ class MeshShape(Strict):
         return polyhedron(self.corners)
 
     def extents(self) -> tuple[tuple[float, ...], float]:
-        """Return sizes and bounding radius for the kernels."""
+        """Return sizes, here the distance of the nearest face, and bounding radius for the kernels."""
         own = self.solid
         return (float(own.planes[:, 3].min()), 0.0, 0.0), float(np.linalg.norm(own.corners, axis=1).max())
 
     def inertia_per_mass(self) -> Array:
         """Moments of inertia of a solid one about its principal axes per kg, (3,) [m^2]."""
-        return self.solid.principal()[0]
+        return self.solid.principal
 
 
 class GroundShape(Strict):

@@ -55,8 +55,9 @@ def read_stl(path: str | Path, unit_m: float = 1e-3) -> tuple[Array, Integers]:
     """
     try:
         raw = Path(path).read_bytes()
-    except OSError as error:
-        raise ModelError(f"path {path}: {error.strerror}; allowed: an STL file", "path") from None
+    except (OSError, ValueError) as error:
+        why = getattr(error, "strerror", None) or error
+        raise ModelError(f"path {path}: {why}; allowed: an STL file", "path") from None
     corners = _binary(raw) if len(raw) >= _HEAD + 4 else None
     corners = _ascii(raw) if corners is None else corners
     if corners is None or len(corners) == 0 or not np.isfinite(corners).all():

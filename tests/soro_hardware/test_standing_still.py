@@ -5,6 +5,7 @@ import os
 import re
 import signal
 import time
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from served_bench import served
 from benchmarks.stops import left_after, signalled
 from soro_core.config import with_changes
 from soro_hardware import load_platform, open_regulator
+from soro_hardware.emulation import veab
 from soro_hardware.port import EMPTY_PA
 from soro_hardware.serial_line.driver import SerialRegulator
 from soro_hardware.serial_line.line.setpoint import SlewedSetpoint
@@ -118,7 +120,9 @@ PRESSURE_PA = 30e3
 
 @contextlib.contextmanager
 def under_pressure(platform):
-    with served(platform) as (devices, address):
+    # The VEAB server keeps its pressure for ever after 0.5 s of silence, which a busy machine may exceed.
+    patient = mock.patch.object(veab, "_SILENCE_NS", 30_000_000_000)
+    with patient, served(platform) as (devices, address):
         regulator = open_regulator(platform, address)
         try:
             regulator.configure()

@@ -59,7 +59,7 @@ def _copy(source: BodyRows, to: BodyRows) -> None:
 
 @inner
 def thickness(kind: int, size: Array) -> float:
-    """How deep another surface may sink into a body [m]: its radius, or half of its smallest extent."""
+    """How deep another surface may sink into a body [m]: radius, half of the least extent, way to a face."""
     if kind == GROUND:
         return math.inf
     if kind == BOX:

@@ -72,7 +72,7 @@ def test_bodies_are_those_of_the_scene_and_of_no_arm(scene_of):
         ({"ball": {**BALL, "colour": 1}}, {}, "bodies.ball.colour: .*an unknown key"),
         ({"ball": {**BALL, "shape": {"kind": "ball"}}}, {}, "bodies.ball.shape.radius: .*nothing"),
         ({"ball": {**BALL, "shape": {"kind": "cone"}}}, {}, "bodies.ball.shape.kind: .*mesh"),
-        ({"ball": {**BALL, "shape": {"kind": "mesh"}}}, {}, "bodies.ball.shape.corners: .*or a file"),
+        ({"ball": {**BALL, "shape": {"kind": "mesh"}}}, {}, "bodies.ball.shape.corners: .*or file"),
         ({"ball": {**BALL, "shape": {"kind": "mesh", "file": "no.stl"}}}, {}, r"bodies.ball.shape.*no\.stl"),
         ({"Ball": BALL}, {}, "bodies.Ball"),
         ({"arm": BALL}, {}, "bodies.arm: .*a name that no arm has"),

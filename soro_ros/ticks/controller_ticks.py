@@ -35,7 +35,7 @@ from soro_ros.ticks.control_report import ControlReport
 from soro_ros.topics.motion_job import REPLACED, WRENCH
 from soro_ros.topics.motion_topic import MotionTopic
 from soro_ros.topics.ports import Input, Inputs, NodeOutputs
-from soro_ros.topics.tick_inputs import TickInputs, unusable, unusable_joint
+from soro_ros.topics.tick_inputs import TickInput, TickInputs, unusable, unusable_joint
 
 # What is learned is told again after this time: the filter forgets it after five times as long.
 _TELL_AGAIN_NS = 20_000_000
@@ -224,11 +224,16 @@ class ControllerTicks:
         self._process()
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
+        if self._lockstep and self._config.hand:
+            self._inputs.add_asked(message)
+            self._process()
+        else:
+            self._follow_trajectory(message)
+
+    def _follow_trajectory(self, message: JointTrajectory) -> None:
         if message.points or not self._config.hand:
             make = partial(references.trajectory, self.controller, self.state, message)
             self._follow(_TRAJECTORY, message.header, make)
-        self._inputs.add_asked(messages.to_ns(message.header.stamp))
-        self._process()
 
     def _on_tip(self, message: PoseStamped) -> None:
         self._follow(
@@ -279,16 +284,12 @@ class ControllerTicks:
     # One tick --------------------------------------------------------------------------------------
     def _process(self) -> None:
         while (found := self._inputs.next()) is not None:
-            self._tick(*found)
+            self._tick(found)
 
-    def _tick(
-        self,
-        message: JointState,
-        stamp_ns: int,
-        reading: np.ndarray,
-        certainty: Certainty | None,
-        joint: tuple[int, float] | None,
-    ) -> None:
+    def _tick(self, found: TickInput) -> None:
+        message, stamp_ns, reading, certainty, joint, asked = found
+        for one in asked:
+            self._follow_trajectory(one)
         if self._lockstep and 0 < round(1e9 * self._config.duration_s) < stamp_ns - self._probed_ns:
             self.enabled = False
             self._note("")

@@ -8,6 +8,7 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 from sensor_msgs.msg import JointState
+from trajectory_msgs.msg import JointTrajectory
 
 from soro_core.arrays import Array
 from soro_core.control.laws import Certainty
@@ -33,13 +34,16 @@ class TickInput(NamedTuple):
     certainty : Certainty or None
     joint : (stamp_ns, angle) or None
         Newest angle of the measured joint [rad] and its time [ns], None before the first.
+    asked : tuple of JointTrajectory
+        What a hand asks for up to this time, in lockstep.
     """
 
     state: JointState
     stamp_ns: int
     pressure_pa: Array
     certainty: Certainty | None
-    joint: tuple[int, float] | None = None
+    joint: tuple[int, float] | None
+    asked: tuple[JointTrajectory, ...]
 
 
 class TickInputs:
@@ -73,7 +77,8 @@ class TickInputs:
     ) -> None:
         self._lockstep, self._n_u = lockstep, n_u
         self._with_covariance, self._covariance_age_s = with_covariance, covariance_age_s
-        self._asked_ns = -1 if lockstep and with_hand else None
+        self._with_hand, self._asked_ns = lockstep and with_hand, -1
+        self._asked: deque[JointTrajectory] = deque(maxlen=_WAITING)
         self._waits_for_joint = lockstep and with_joint
         self._joints: deque[tuple[int, float]] = deque(maxlen=_WAITING)
         self._readings: deque[tuple[int, Array]] = deque(maxlen=_WAITING)
@@ -96,10 +101,10 @@ class TickInputs:
         """Add the measured angle of the joint at a time [ns]; NaN: there is none."""
         self._joints.append((stamp_ns, angle_rad))
 
-    def add_asked(self, stamp_ns: int) -> None:
-        """Note the time [ns] of what a hand asks for."""
-        if self._asked_ns is not None:
-            self._asked_ns = max(self._asked_ns, stamp_ns)
+    def add_asked(self, message: JointTrajectory) -> None:
+        """Add what a hand asks for at a time, or that it asks for nothing; they come in their order."""
+        self._asked_ns = messages.to_ns(message.header.stamp)
+        self._asked.append(message)
 
     @property
     def has_reading(self) -> bool:
@@ -115,7 +120,7 @@ class TickInputs:
         if not self._states:
             return None
         stamp_ns = messages.to_ns(self._states[0].header.stamp)
-        if self._asked_ns is not None and self._asked_ns < stamp_ns:
+        if self._with_hand and self._asked_ns < stamp_ns:
             return None
         reading, found = self._reading_at(stamp_ns), self._certainty_at(stamp_ns)
         if reading is None or (found is None and self._lockstep and self._with_covariance):
@@ -124,7 +129,10 @@ class TickInputs:
         if joint is None and self._waits_for_joint:
             return None
         certainty = None if found is None else found[1]
-        return TickInput(self._states.popleft(), stamp_ns, reading, certainty, joint)
+        asked = []
+        while self._asked and messages.to_ns(self._asked[0].header.stamp) <= stamp_ns:
+            asked.append(self._asked.popleft())
+        return TickInput(self._states.popleft(), stamp_ns, reading, certainty, joint, tuple(asked))
 
     def _at(self, waiting: deque[tuple[int, _Value]], stamp_ns: int) -> tuple[int, _Value] | None:
         """Return what has this time in lockstep, in real time the newest; None if it has yet to arrive."""

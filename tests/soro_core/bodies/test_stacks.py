@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from soro_core import BaseState
 from soro_core.bodies import (
@@ -10,6 +11,7 @@ from soro_core.bodies import (
     CapsuleShape,
     CylinderShape,
     Hinge,
+    MeshShape,
     RigidBody,
     simulate_world,
 )
@@ -147,3 +149,51 @@ def test_a_wrong_world_is_refused_in_one_line(name):
         make()
     assert expected in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def pile(seed):
+    """Boxes, cylinders and capsules of any size and friction that fall onto each other."""
+    rng, bodies = np.random.default_rng(seed), {"ground": ground(friction=1.0)}
+    for i in range(int(rng.integers(2, 6))):
+        kind, size = rng.integers(4), rng.uniform(0.01, 0.03, 3).tolist()
+        shape = {
+            1: CylinderShape(radius=size[0], length=2.0 * size[1]),
+            2: CapsuleShape(radius=size[0], length=2.0 * size[1]),
+        }.get(int(kind), BoxShape(size=[2.0 * one for one in size]))
+        bodies[f"body{i}"] = RigidBody(
+            shape=shape,
+            mass=float(rng.uniform(0.01, 0.1)),
+            position=[*rng.uniform(-0.01, 0.01, 2).tolist(), 0.08 + 0.12 * i],
+            quaternion=Rotation.random(random_state=int(rng.integers(1e6))).as_quat().tolist(),
+            friction=float(rng.uniform(0.2, 1.2)),
+        )
+    return bodies
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_impulses_of_a_falling_pile_are_found(seed):
+    """Where a contact slides, friction changes the normal speed: solved in turns, both go in circles."""
+    bodies = pile(seed)
+    result = run(bodies, t_end=0.5)
+    assert result.status.ok, result.status
+    assert len(result.contacts.gap) > 100
+    # Friction is within the cone of its contact.
+    names, contacts = list(bodies), result.contacts
+    friction = np.array([min(bodies[names[i]].friction for i in sides) for sides in contacts.side])
+    along = (contacts.force * contacts.normal).sum(axis=1)
+    across = np.linalg.norm(contacts.force - along[:, None] * contacts.normal, axis=1)
+    assert along.min() >= 0.0
+    assert (across <= (1.0 + 1e-9) * friction * along + 1e-9).all()
+
+
+def test_a_rough_frustum_tips_onto_its_side():
+    """With a friction of 2 its edge neither slides nor leaves the slope."""
+    rows = [[x * s, y * s, z] for s, z in ((0.01, 0.0), (0.02, 0.04)) for x in (-1, 1) for y in (-1, 1)]
+    shape = MeshShape(corners=np.ravel(rows).tolist())
+    height = shape.solid.centre[2]
+    deg = np.rad2deg(np.arctan(0.01 / height)) + 0.5
+    place = Rotation.from_quat(tilt(deg)).apply([0.0, 0.0, height]).tolist()
+    frustum = RigidBody(shape=shape, mass=0.05, position=place, quaternion=tilt(deg), friction=2.0)
+    result = run({"slope": ground(deg, friction=3.0), "one": frustum})
+    assert result.status.ok, result.status
+    assert np.abs(result.twist["one"][-1]).max() < 1e-5

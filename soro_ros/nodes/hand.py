@@ -301,10 +301,13 @@ class HandNode(SoroNode[HandNodeConfig]):
         return "closes"
 
     def _on_open(self) -> str:
-        """Open the hand; one that is open says so again, because who asks waits for a report."""
+        """Open the hand; one that is open says so, or why it is, because who asks waits for a report."""
         self._closes = self._closes_itself = False
-        if self._state.phase == "open":
-            self._report("open", _WORDS["open"], OK)
+        if self._is_active and self._state.phase == "open" and not self._missing:
+            if without := self._without_control(self._stepped_ns):
+                self._report(VENTED, f"{without} is not in control: the hand is open", WARN)
+            else:
+                self._report("open", _WORDS["open"], OK)
         return "opens"
 
 

@@ -102,8 +102,8 @@ class TickInputs:
         self._joints.append((stamp_ns, angle_rad))
 
     def add_asked(self, message: JointTrajectory) -> None:
-        """Add what a hand asks for at a time, or that it asks for nothing; they come in their order."""
-        self._asked_ns = messages.to_ns(message.header.stamp)
+        """Add what a hand asks for at a time, or that it asks for nothing then."""
+        self._asked_ns = max(self._asked_ns, messages.to_ns(message.header.stamp))
         self._asked.append(message)
 
     @property
@@ -112,8 +112,10 @@ class TickInputs:
         return bool(self._readings)
 
     def clear(self) -> None:
-        """Drop the states that wait."""
+        """Drop the states that wait, and what a hand has asked for."""
         self._states.clear()
+        self._asked.clear()
+        self._asked_ns = -1
 
     def next(self) -> TickInput | None:
         """Return the messages of the next tick; None if one has yet to arrive."""
@@ -129,10 +131,10 @@ class TickInputs:
         if joint is None and self._waits_for_joint:
             return None
         certainty = None if found is None else found[1]
-        asked = []
-        while self._asked and messages.to_ns(self._asked[0].header.stamp) <= stamp_ns:
-            asked.append(self._asked.popleft())
-        return TickInput(self._states.popleft(), stamp_ns, reading, certainty, joint, tuple(asked))
+        asked = tuple(one for one in self._asked if messages.to_ns(one.header.stamp) <= stamp_ns)
+        for one in asked:
+            self._asked.remove(one)
+        return TickInput(self._states.popleft(), stamp_ns, reading, certainty, joint, asked)
 
     def _at(self, waiting: deque[tuple[int, _Value]], stamp_ns: int) -> tuple[int, _Value] | None:
         """Return what has this time in lockstep, in real time the newest; None if it has yet to arrive."""

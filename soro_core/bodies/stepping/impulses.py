@@ -1,4 +1,4 @@
-"""Impulses of all contacts of a step: Signorini's condition and Coulomb's cone, by Gauss-Seidel sweeps.
+"""Impulses of all contacts of a step: Signorini's condition and Coulomb's cone, by projected Gauss-Seidel.
 
 With u the speed at the end of the step and P the impulse on the first side, along the normal n:
 0 <= u_n - bias + soft P_n  complementary to  P_n >= 0, and |P_t| <= mu P_n with u_t against P_t where it
@@ -23,10 +23,6 @@ from soro_core.model.links.linear import assign
 # motion tells apart (four feet on a table) drift.
 TOLERANCE, LET_PASS = 1e-9, 1e-7
 MOST_SWEEPS = 1001  # the last one brings what a leap has found back to the cones
-# Turns of the direction in which one contact slides, and the change that ends them, a part of its friction.
-MOST_TURNS, TURNED = 20, 1e-3
-# Least inertia of a contact that slides, as a part of that without friction.
-JAMMED = 0.1
 # Sweeps from one leap to the next.
 LEAP = 5
 # Slower approach does not bounce, or is no impact [m/s].
@@ -179,99 +175,62 @@ def _leap(k: ContactTables, leaps: bool, v: Array, change: Array, least: float) 
 
 @inner
 def _solve_one(k: ContactTables, c: int, v: Array, change: Array) -> float:
-    """Update the impulse of one contact, exactly while the others stay; gives the change of its speed.
-
-    It comes apart, sticks or slides (Jourdan, Alart, Jean 1998: local problems within Gauss-Seidel sweeps).
-    """
+    """Update the impulse of one contact; gives the change of its speed."""
     if k.friction[c] == HELD:
         return _solve_held(k, c, v, change)
-    D, P, soft, alone = k.D[c], k.impulse[c], k.soft[c], k.block[6]
+    D, P, soft = k.D[c], k.impulse[c], k.soft[c]
     if not D[0, 0] > 0.0:
         return 0.0
-    for i in range(3):
-        alone[i] = contact_speed(k, c, i, v) - dot(D[i], P)  # without its own impulse
-        change[i] = -P[i]
-    alone[0] -= k.bias[c]
-    if alone[0] >= 0.0:
-        P[0] = P[1] = P[2] = 0.0
-    elif k.friction[c] == 0.0:
-        P[0], P[1], P[2] = -alone[0] / (D[0, 0] + soft), 0.0, 0.0
-    elif not _sticks(k, c, alone):
-        _slide(k, c, alone, change)
     moved = 0.0
-    for i in range(3):
-        change[i] += P[i]
-        moved = max(moved, abs(change[i]) * (D[i, i] + (soft if i == 0 else 0.0)))
-    if moved != 0.0:
+    before = P[0]
+    miss = contact_speed(k, c, 0, v) - k.bias[c] + soft * before
+    P[0] = max(0.0, before - miss / (D[0, 0] + soft))
+    change[0], change[1], change[2] = P[0] - before, 0.0, 0.0
+    if change[0] != 0.0:
+        moved = abs(change[0]) * (D[0, 0] + soft)
+        push(k, c, change, v)
+    limit = k.friction[c] * P[0]
+    old1, old2 = P[1], P[2]
+    if limit == 0.0:
+        P[1] = P[2] = 0.0
+    else:
+        u1, u2 = contact_speed(k, c, 1, v), contact_speed(k, c, 2, v)
+        a, b, d = D[1, 1], 0.5 * (D[1, 2] + D[2, 1]), D[2, 2]
+        det = a * d - b * b
+        P[1] = old1 - (d * u1 - b * u2) / det
+        P[2] = old2 - (a * u2 - b * u1) / det
+        if not P[1] * P[1] + P[2] * P[2] <= limit * limit:
+            # One factor for both directions: only then does friction end up against the speed.
+            largest = 0.5 * (a + d) + math.sqrt(0.25 * (a - d) * (a - d) + b * b)
+            P[1], P[2] = old1 - u1 / largest, old2 - u2 / largest
+            size = math.sqrt(P[1] * P[1] + P[2] * P[2])
+            if size > limit:
+                P[1] *= limit / size
+                P[2] *= limit / size
+    change[0], change[1], change[2] = 0.0, P[1] - old1, P[2] - old2
+    if change[1] != 0.0 or change[2] != 0.0:
+        moved = max(moved, (abs(change[1]) + abs(change[2])) * max(D[1, 1], D[2, 2]))
         push(k, c, change, v)
     return moved
 
 
 @inner
-def _sticks(k: ContactTables, c: int, alone: Array) -> bool:
-    """k.impulse <- that with which a contact does not slip; False if its friction cannot give it."""
-    P, x = k.impulse[c], k.block[5]
-    _divide(k, c, 0.0, alone, x)
-    for i in range(3):
-        P[i] = -x[i]
-    limit = k.friction[c] * P[0]
-    return bool(P[0] >= 0.0 and P[1] * P[1] + P[2] * P[2] <= limit * limit)
-
-
-@inner
-def _slide(k: ContactTables, c: int, alone: Array, without: Array) -> None:
-    """k.impulse <- that at the limit of friction, against the speed that it leaves; from -without."""
-    D, P, soft, mu = k.D[c], k.impulse[c], k.soft[c], k.friction[c]
-    for i in range(3):
-        P[i] = -without[i]
-    a, b, d = D[1, 1], 0.5 * (D[1, 2] + D[2, 1]), D[2, 2]
-    # One factor for both directions: only then does friction end up against the speed.
-    largest = 0.5 * (a + d) + math.sqrt(0.25 * (a - d) * (a - d) + b * b)
-    for _ in range(MOST_TURNS):
-        before1, before2 = P[1], P[2]
-        P[1] -= (alone[1] + dot(D[1], P)) / largest
-        P[2] -= (alone[2] + D[2, 0] * P[0] + D[2, 1] * before1 + D[2, 2] * P[2]) / largest
-        size = math.sqrt(P[1] * P[1] + P[2] * P[2])
-        if not size > 0.0:
-            P[0] = -alone[0] / (D[0, 0] + soft)
-            return
-        # Friction changes the normal speed, too. Where it would draw the surfaces together as fast as they
-        # are pressed apart, no sliding one exists: a part of the inertia keeps the impulse finite.
-        normal = D[0, 0] + soft + mu * (D[0, 1] * P[1] + D[0, 2] * P[2]) / size
-        P[0] = -alone[0] / max(normal, JAMMED * D[0, 0])
-        P[1] *= mu * P[0] / size
-        P[2] *= mu * P[0] / size
-        if abs(P[1] - before1) + abs(P[2] - before2) < TURNED * mu * P[0]:
-            return
-
-
-@inner
 def _solve_held(k: ContactTables, c: int, v: Array, change: Array) -> float:
     """Update the impulse between sides that are held together; gives the change of their speed."""
-    D, P, soft, miss = k.D[c], k.impulse[c], k.soft[c], k.block[6]
+    D, P, soft, A = k.D[c], k.impulse[c], k.soft[c], k.block
+    miss = A[6]
     for i in range(3):
         miss[i] = -(contact_speed(k, c, i, v) + k.bias[c] * k.apart[c, i] + soft * P[i])
-    _divide(k, c, soft, miss, change)
-    moved = 0.0
-    for r in range(3):
-        P[r] += change[r]
-        moved += abs(change[r]) * (D[r, r] + soft)
-    push(k, c, change, v)
-    return moved
-
-
-@inner
-def _divide(k: ContactTables, c: int, across: float, y: Array, x: Array) -> None:
-    """x <- (D + softness)^-1 y by Cramer's rule; `across` is the softness along the tangents."""
-    A = k.block
-    for i in range(3):
-        assign(k.D[c, i], A[i])
-        A[i, i] += k.soft[c] if i == 0 else across
-    # With the products of its rows; x may be the last of them.
+        for j in range(3):
+            A[i, j] = D[i, j] + (soft if i == j else 0.0)
+    # By Cramer's rule, with the products of its rows.
     cross(A[1], A[2], A[3])
     cross(A[2], A[0], A[4])
     cross(A[0], A[1], A[5])
-    det = dot(A[0], A[3])
-    a, b, d = y[0] / det, y[1] / det, y[2] / det
+    det, moved = dot(A[0], A[3]), 0.0
     for r in range(3):
-        x[r] = a * A[3, r] + b * A[4, r] + d * A[5, r]
+        change[r] = (miss[0] * A[3, r] + miss[1] * A[4, r] + miss[2] * A[5, r]) / det
+        P[r] += change[r]
+        moved += abs(change[r]) * A[r, r]
+    push(k, c, change, v)
+    return moved

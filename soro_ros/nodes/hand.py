@@ -303,7 +303,7 @@ class HandNode(SoroNode[HandNodeConfig]):
     def _on_open(self) -> str:
         """Open the hand; one that is open says so, or why it is, because who asks waits for a report."""
         self._closes = self._closes_itself = False
-        if self._is_active and self._state.phase == "open" and not self._missing:
+        if self._is_active and self._state.phase == "open":
             if without := self._without_control(self._stepped_ns):
                 self._report(VENTED, f"{without} is not in control: the hand is open", WARN)
             else:

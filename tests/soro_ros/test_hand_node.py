@@ -74,6 +74,24 @@ def test_a_hand_whose_tracker_is_silent_opens_when_it_is_asked_to(hand):
     assert max(hand.bends()) < 0.01 * bent
 
 
+def test_an_open_hand_says_so_whenever_it_is_asked_to_open(hand):
+    """Whoever asks waits for a report; of fingers that are not in control it says that."""
+    hand.feed(1, tracked=False)
+    for count in (1, 2):
+        said = len(hand.said)
+        request(hand.node, "hand/open")
+        assert [one.name for one in hand.said[said:]] == ["open"], count
+    hand.feed(60, controls=False)
+    said = len(hand.said)
+    request(hand.node, "hand/open")
+    assert [one.name for one in hand.said[said:]] == ["vented"]
+    assert "thumb is not in control" in hand.said[-1].message
+    hand.node.trigger_deactivate()
+    said = len(hand.said)
+    request(hand.node, "hand/open")
+    assert len(hand.said) == said
+
+
 def test_a_hand_that_hears_nothing_of_its_fingers_lets_go(hand):
     hand.feed(2)
     request(hand.node, "hand/close")

@@ -309,7 +309,7 @@ def test_the_axes_of_a_file_change_nothing(held):
         )
 
 
-@pytest.mark.parametrize("away", [0.0, 50.0])
+@pytest.mark.parametrize("away", [1.0, 50.0])
 def test_far_from_the_origin_of_a_file_a_mesh_is_the_same(away):
     rows = np.array(WEDGE)
     near, far = (

@@ -89,8 +89,8 @@ def test_a_film_shows_a_body_where_it_was():
         paths, colours = figure._faces.get_paths(), figure._faces.get_facecolor()[:, :3]
         hue = colours / np.maximum(colours.max(axis=1, keepdims=True), 1e-9)
         own = np.abs(hue - FREE_COLOUR / FREE_COLOUR.max()).max(axis=1) < 0.02
-        assert own.sum() > 100
         # Faces that are turned away are not drawn.
+        assert 100 < own.sum() < 0.6 * len(faces_of(ball))
         seen = np.concatenate([path.vertices[:4] for path, is_own in zip(paths, own, strict=True) if is_own])
         return 0.5 * (seen.min(axis=0) + seen.max(axis=0))
 

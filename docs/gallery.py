@@ -98,7 +98,11 @@ def draw(scene: Scene, run_folder: Path) -> None:
     """Draw the arm of a run, the path of its tip, and its error or its pressures, small enough for a page."""
     file, bag = PICTURES / f"{scene.name}.png", run_folder / "bag"
     bodies = list(tracks_of(bag, scene, f"/{scene.each[0].name}/arm/desired/tip").values())
-    shown, *others = (film.take(bag, arm, 0.0, scene.duration_s, 10.0, bodies) for arm in scene.each)
+    shown, *others = (
+        film.take(bag, arm, 0.0, scene.duration_s, 10.0, bodies, scene.carried_by(arm))
+        for arm in scene.each
+        if not arm.mounted_on
+    )
     pictures = [film.AnimatedFigure(one, 800).at(len(one.t) - 1) for one in (shown, *others)]
     beside = np.hstack([one[:, : int(ARM_PART * one.shape[1])] for one in pictures])
     figure = plt.figure(figsize=(12.0, 3.8), layout="constrained")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array
 from soro_core.bodies.body import RigidBody
+from soro_core.bodies.mounted import tip_frame
 from soro_core.errors import ModelError
 from soro_core.integrate.base_motion import Base
 from soro_core.model import SoftArm
@@ -55,7 +56,10 @@ class Joint(NamedTuple):
 
 
 def joints_of(
-    bodies: Mapping[str, RigidBody], arms: Mapping[str, SoftArm], q0: Mapping[str, ArrayLike]
+    bodies: Mapping[str, RigidBody],
+    arms: Mapping[str, SoftArm],
+    q0: Mapping[str, ArrayLike],
+    mounts: Mapping[str, str],
 ) -> list[Joint]:
     """What holds bodies on arms, from where both are at the start.
 
@@ -71,7 +75,8 @@ def joints_of(
         arm_name = body.attached.arm or next(iter(arms))
         arm = arms[arm_name]
         place = arm.length if body.attached.place is None else min(body.attached.place, arm.length)
-        pose = arm.pose(q0.get(arm_name, np.zeros(arm.n_q)), place)
+        own = arm.pose(q0.get(arm_name, np.zeros(arm.n_q)), place)
+        pose = tip_frame(mounts, arms, arm_name, q0) @ own
         apart, (_, bound) = pose[:3, 3] - body.position, body.shape.extents()
         radius = max(link.radius for link in arm.robot.links)
         if (far := math.hypot(*apart)) > bound + radius + END_TOLERANCE:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from typing import Literal
 
@@ -250,3 +250,30 @@ def check_attachments(bodies: Mapping[str, RigidBody], lengths: Mapping[str, flo
             raise ConfigError(
                 where, f"{key}.place", held.place, f"0 to {lengths[arm]:.6g} m, the end of {arm}"
             )
+
+
+def check_mounts(mounts: Mapping[str, str], arms: Sequence[str], where: str) -> None:
+    """Refuse arms on one that is not there, stands behind them, or is carried itself.
+
+    Parameters
+    ----------
+    mounts : mapping of str to str
+        Names of carried arms, and of their hosts.
+    arms : sequence of str
+        Names of all arms, in their order.
+    where : str
+        Owner of the arms, for the error.
+
+    Raises
+    ------
+    ConfigError
+    """
+    for name, host in mounts.items():
+        if name not in arms:
+            raise ConfigError(where, "mounts", name, ", ".join(arms) or "none, as there is no arm")
+        before = [one for one in arms[: list(arms).index(name)] if one not in mounts]
+        if host not in before:
+            allowed = (
+                f"an arm before it that stands on a base of its own: {', '.join(before) or 'there is none'}"
+            )
+            raise ConfigError(where, f"arms.{name}.mounted_on", host, allowed)

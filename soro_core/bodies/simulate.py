@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array, Integers
 from soro_core.bodies.attached import refuse_displaced
+from soro_core.bodies.mounted import arm_energy
 from soro_core.bodies.stepping.arms import SLIDING
 from soro_core.bodies.stepping.records import (
     CONTACT_WIDTH,
@@ -24,7 +25,7 @@ from soro_core.bodies.stepping.records import (
     BodyRows,
 )
 from soro_core.bodies.stepping.step import AWAY, CROWDED, DEEP, FULL, OVERLAP, TURNING, world_run
-from soro_core.bodies.world import BodyWorld, WorldBoxes, build_world, first_rows
+from soro_core.bodies.world import BodyWorld, WorldBoxes, bases_of, build_world, first_rows
 from soro_core.errors import ModelError, short
 from soro_core.integrate.base_motion import Base, base_rows
 from soro_core.integrate.causes import describe_at
@@ -118,7 +119,7 @@ class WorldResult:
     def energy(self) -> Array:
         """Kinetic, gravitational and elastic energy of all bodies and arms, (n_t,) [J].
 
-        Without what creep and hysteresis store; fixed bodies have none.
+        Without what creep and hysteresis store, and the motion of bases by `motions`; fixed bodies have none.
         """
         total = np.zeros(len(self.t))
         for name, body in self.world.bodies.items():
@@ -130,9 +131,8 @@ class WorldResult:
             total -= body.mass * self.place[name] @ np.asarray(self.world.gravity)
             if body.hinge is not None:
                 total += 0.5 * body.hinge.stiffness * self.angle[name][:, 0] ** 2
-        for name, arm in self.world.arms.items():
-            rows = zip(self.q[name], self.qd[name], strict=True)
-            total += np.array([sum(arm.energy(q, qd)) for q, qd in rows])
+        for name in self.world.arms:
+            total += arm_energy(self.world.mounts, self.world.arms, name, self.q, self.qd)
         return total
 
     def _side(self, name: str) -> int:
@@ -190,10 +190,7 @@ def simulate_world(
     refuse_unknown(world, {"pressures": pressures, "q0": starts, "wrenches": wrenches, "motions": motions})
     driven = {name: base for name, base in motions.items() if name in world.bodies}
     refuse_displaced(world.bodies, list(world.arms), motions)
-    bases = {name: base for name, base in motions.items() if name in world.arms}
-    if bases and len(bases) < len(world.arms):
-        still = next(name for name in world.arms if name not in bases)
-        raise ModelError(f"motions: {still} has none; allowed are motions of all arms or of none", "motions")
+    bases = bases_of(world, {name: base for name, base in motions.items() if name in world.arms})
     built = build_world(world, bases)
     n_q, n_z = int(built.first_q[-1]), int(built.first_z[-1])
     n_b = len(world.bodies)
@@ -222,7 +219,8 @@ def refuse_unknown(world: BodyWorld, given: Mapping[str, Mapping[str, object]]) 
     moved = [name for name, body in world.bodies.items() if body.fixed]
     pushed = [name for name in world.bodies if name not in moved]
     arms = list(world.arms)
-    allowed = {"pressures": arms, "q0": arms, "wrenches": pushed, "motions": [*moved, *arms]}
+    rooted = [name for name in arms if name not in world.mounts]
+    allowed = {"pressures": arms, "q0": arms, "wrenches": pushed, "motions": [*moved, *rooted]}
     for key, values in given.items():
         require(values, Mapping, key, "a mapping by name")
         if (other := next((name for name in values if name not in allowed[key]), None)) is not None:

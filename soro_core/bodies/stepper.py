@@ -12,8 +12,9 @@ from numpy.typing import ArrayLike
 
 from soro_core.arrays import Array
 from soro_core.bodies.simulate import WorldResult, body_inputs, refuse_unknown, run_rows
-from soro_core.bodies.world import BodyWorld, build_world, first_rows
+from soro_core.bodies.world import BodyWorld, bases_of, build_world, first_rows
 from soro_core.errors import ModelError, short
+from soro_core.integrate.base_motion import WIDTH, base_rows
 from soro_core.integrate.state import State
 from soro_core.model.checks import number, refuse_push, shaped
 
@@ -73,7 +74,9 @@ class WorldStepper:
         if not 0.0 < number(step_s) < math.inf:
             raise ModelError(f"step_s = {short(step_s)}: allowed is a number above 0", "step_s")
         self.world, self._step_s, self._goes_on = world, step_s, False
-        self._built = build_world(world, {})
+        bases = bases_of(world)
+        self._built = build_world(world, bases)
+        self._at_rest = {name: base_rows(base, world.arms[name], np.zeros(1)) for name, base in bases.items()}
         empty = {name: np.zeros((2, arm.n_u)) for name, arm in world.arms.items()}
         self.step(self.initial_state(), empty, step_s)  # refuses what overlaps
         self._goes_on = True
@@ -139,6 +142,8 @@ class WorldStepper:
             table = start + part[..., None] * (end - start)
             refuse_push(arm.robot, table, f"pressures: {name}")
             tables.append(table)
+            if name in self._at_rest:
+                tables.append(np.broadcast_to(self._at_rest[name], (n + 1, 3, WIDTH)))
             own = state.arms[name]
             q[0, built.first_q[i] : built.first_q[i + 1]] = own.q
             v[0, built.first_q[i] : built.first_q[i + 1]] = own.qd

@@ -13,7 +13,8 @@ from numpy.typing import ArrayLike
 from soro_core._box import Box
 from soro_core.arrays import Array, Integers
 from soro_core.bodies.attached import joint_tables, joints_of, refuse_displaced
-from soro_core.bodies.body import GRAVITY, BodyMotion, RigidBody, check_attachments
+from soro_core.bodies.body import GRAVITY, BodyMotion, RigidBody, check_attachments, check_mounts
+from soro_core.bodies.mounted import mount_tables, movers_of, tip_frame, under_gravity
 from soro_core.bodies.shapes import MeshShape
 from soro_core.bodies.stepping.records import (
     ABOUT_AXIS,
@@ -49,7 +50,7 @@ from soro_core.model import SoftArm
 from soro_core.model.build import find_site
 from soro_core.model.checks import number, require
 from soro_core.model.tables import NoExternal
-from soro_core.robot import Robot
+from soro_core.robot import BaseState, Robot
 from soro_core.robot.basis import radius_profile
 from soro_core.robot.link import CLOSE
 
@@ -83,6 +84,10 @@ class BodyWorld:
         (contacts, tip constraint) acts as without bodies.
     q0 : mapping of str to (n_q,)
         Coordinates of arms at the start; the others are straight.
+    mounts : mapping of str to str
+        Arms at the tip of another one, and the arm that carries each: an earlier one on a base of its own.
+        The base of the robot file is then seen from that tip, whose z axis goes on along the backbone; the
+        two arms do not touch each other, and gravity is that of the carrying arm.
     gravity : (3,)
         Of the bodies [m/s^2]; arms have their own.
     stiffness : float
@@ -107,6 +112,7 @@ class BodyWorld:
     bodies: Mapping[str, RigidBody]
     arms: Mapping[str, SoftArm] = field(default_factory=dict)
     q0: Mapping[str, ArrayLike] = field(default_factory=dict)
+    mounts: Mapping[str, str] = field(default_factory=dict)
     gravity: Sequence[float] = _EARTH
     stiffness: float = 5e4
     touch_arms: bool = True
@@ -115,7 +121,7 @@ class BodyWorld:
     reach: float = 10.0
 
     def __post_init__(self) -> None:
-        for key in ("bodies", "arms", "q0"):
+        for key in ("bodies", "arms", "q0", "mounts"):
             require(getattr(self, key), Mapping, key, "a mapping by name")
         if both := sorted(str(name) for name in self.bodies if name in self.arms):
             raise ModelError(f"arms: {both[0]} is a body too; allowed are names of one thing", "arms")
@@ -140,6 +146,7 @@ class BodyWorld:
             raise ModelError(
                 f"points_per_link = {self.points_per_link}: allowed are whole numbers", "points_per_link"
             )
+        check_mounts(self.mounts, list(self.arms), "world")
         check_attachments(self.bodies, {name: arm.length for name, arm in self.arms.items()}, "world")
         refuse_displaced(self.bodies, list(self.arms), self.motions)
         if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
@@ -149,6 +156,18 @@ class BodyWorld:
     def motions(self) -> dict[str, BodyMotion]:
         """The motions of the bodies that state one, by name."""
         return {name: body.motion for name, body in self.bodies.items() if body.motion is not None}
+
+    def frame_of(self, name: str, q: Mapping[str, ArrayLike]) -> Array:
+        """Return what the robot file of an arm calls the world (4, 4), in the world: the tip that carries it.
+
+        Parameters
+        ----------
+        name : str
+            Of the arm.
+        q : mapping of str to (n_q,)
+            Coordinates of arms; the others are straight.
+        """
+        return tip_frame(self.mounts, self.arms, name, q)
 
     def side_names(self, sides: Iterable[float], pieces: Sequence[str]) -> list[str]:
         """Return the names of sides of a contact.
@@ -181,6 +200,20 @@ class WorldBoxes:
     """Name of the arm of each section."""
     failed: Integers
     """The arm that has failed, (1,)."""
+
+
+def bases_of(world: BodyWorld, motions: Mapping[str, Base] | None = None) -> dict[str, Base]:
+    """Return the motion of each base of a world in which one moves or an arm carries another, else none.
+
+    Of a carried arm it does not count: its host has it.
+    """
+    if not (motions or world.mounts):
+        return {}
+    return {name: (motions or {}).get(name, _at_rest) for name in world.arms}
+
+
+def _at_rest(t: float) -> BaseState:
+    return BaseState()
 
 
 def body_tables(world: BodyWorld) -> BodyTables:
@@ -261,17 +294,18 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
     ----------
     world : BodyWorld
     bases : mapping of str to callable
-        Motions of the bases of arms by name, as of `simulate`.
+        Motions of the bases of arms by name, as of `simulate`: of all of them (`bases_of`), or of none.
     """
-    arms = _alike(tuple(world.arms.values()))
-    width = max([6, *(arm.n_q for arm in arms)])
-    box = make_world(body_tables(world), float(world.stiffness), float(world.reach), (len(arms), width))
+    arms = _alike(under_gravity(world.mounts, world.arms))
+    rows, columns, first_arms = movers_of(world.mounts, world.arms)
+    width = max([6, *(column + arm.n_q for column, arm in zip(columns, arms, strict=True))])
+    box = make_world(body_tables(world), float(world.stiffness), float(world.reach), (len(first_arms), width))
     wider = WIDTH if bases else 0
     counts = [[0, arm.n_q, arm.n_internal, arm.n_u + wider] for arm in arms]
     first = np.cumsum([[0, 0, 0, 0], *counts], axis=0).astype(np.int64)
     boxes = tuple(stepping(arm, base=bases.get(name)) for name, arm in zip(world.arms, arms, strict=True))
     sites, arc, radius, first_site = [], [], [], [0]
-    joints = joints_of(world.bodies, world.arms, world.q0)
+    joints = joints_of(world.bodies, world.arms, world.q0, world.mounts)
     for i, arm in enumerate(arms):
         places = [joint.place for joint in joints if joint.arm == i]
         for s in _sections(arm.robot, int(world.points_per_link), places):
@@ -291,6 +325,10 @@ def build_world(world: BodyWorld, bases: Mapping[str, Base]) -> WorldBoxes:
         first_z=first[:, 2],
         first_u=first[:, 3],
         first_site=np.array(first_site, dtype=np.int64),
+        mover=np.array(rows, dtype=np.int64),
+        column=np.array(columns, dtype=np.int64),
+        first_arm=np.array(first_arms, dtype=np.int64),
+        mounts=mount_tables(world.mounts, dict(zip(world.arms, arms, strict=True)), width),
         link=np.array([site.link for site in sites], dtype=np.int64),
         place=np.array([site.place for site in sites], dtype=np.float64),
         whole=np.array([site.whole for site in sites], dtype=np.int64),

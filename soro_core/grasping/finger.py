@@ -31,7 +31,7 @@ class FingerForce(NamedTuple):
     noise_n : float
         Standard deviation of `bend_n` by the noise of the pose [N].
     place_m : ndarray (3,)
-        Where it touches, in the world [m].
+        Where it touches, in the world, or seen from the palm [m].
     doubt_n : float
         How much larger `across_n` may be: by the noise, one deviation, and by a touch nearer to the base [N].
     """
@@ -94,7 +94,21 @@ class Finger:
         link = self.arm.robot.links[site.link]
         return float(radius_profile(link, np.array([site.place / link.length]))[0])
 
-    def feel(self, q: Array, pressure_pa: Array) -> FingerForce:
+    @cached_property
+    def _weighed(self) -> tuple[SoftArm, ...]:
+        """The arm under a gravity of 1 m/s^2 along each axis: weight is linear in gravity."""
+        return tuple(
+            SoftArm(self.arm.robot.replace(gravity=axis), nodes=self.arm.nodes) for axis in np.eye(3).tolist()
+        )
+
+    @property
+    def up(self) -> Array:
+        """Direction (3,) against the gravity of its robot file; the z axis without one."""
+        gravity = np.array(self.arm.robot.gravity)
+        size = float(np.linalg.norm(gravity))
+        return -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+
+    def feel(self, q: Array, pressure_pa: Array, gravity: Array | None = None) -> FingerForce:
         """Return the force at the place of touch.
 
         At rest elastic force and weight balance the pressures and J' f; of more coordinates than three the
@@ -107,9 +121,15 @@ class Finger:
             Measured coordinates.
         pressure_pa : ndarray (n_u,)
             Measured pressures [Pa gauge].
+        gravity : ndarray (3,), optional
+            Where the palm tilts [m/s^2]; default that of the robot file.
         """
         arm = self.arm
-        missing = arm.elastic_force(q) + arm.gravity_force(q) - arm.pressure_force(q, pressure_pa)
+        if gravity is None:
+            weight = arm.gravity_force(q)
+        else:
+            weight = sum(g * one.gravity_force(q) for g, one in zip(gravity, self._weighed, strict=True))
+        missing = arm.elastic_force(q) + weight - arm.pressure_force(q, pressure_pa)
         stiffness = arm.stiffness_matrix(q)
         pose, jacobian = arm.pose_and_jacobian(q, self.touch_m)
         turn, J = pose[:3, :3] @ jacobian[:3], pose[:3, :3] @ jacobian[3:]

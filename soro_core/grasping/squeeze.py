@@ -39,12 +39,15 @@ class Felt:
     q : sequence of (ndarray (n_q,) or None)
         Coordinates of each finger by its pose; None without a pose.
     height_m : float or None
-        Height of the object in the world, where something tracks it [m].
+        Height of the object, along `Finger.up`, where something tracks it [m].
+    gravity : ndarray (3,) or None
+        Seen from a palm that tilts [m/s^2]; None: that of the robot files.
     """
 
     pressure_pa: Sequence[Array]
     q: Sequence[Array | None]
     height_m: float | None = None
+    gravity: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -226,13 +229,13 @@ class Squeeze:
                 raise ConfigError("felt", f"finger {i}", row.tolist(), "finite numbers")
             row = row if last is None else last + new * (row - last)
             smooth.append(row)
-            feels = one.feel(row[: one.arm.n_q], row[one.arm.n_q :])
+            feels = one.feel(row[: one.arm.n_q], row[one.arm.n_q :], felt.gravity)
             force[i], bend[i], along[i] = feels.squeeze_n, feels.bend_n, feels.along_n
             across[i] = feels.across_n + feels.doubt_n
             # A low-pass of white noise leaves this part of its deviation.
             noise = feels.noise_n * np.sqrt(new / (2.0 - new))
             touches[i] |= feels.bend_n > max(s.touch_n, s.noise_sigmas * noise)
-            places.append(feels.place_m[2])
+            places.append(float(one.up @ feels.place_m))
         # Fingers that get longer take it down, and those that bend more do not lift it: it slips by the less.
         below = float(np.mean(places)) if places else 0.0
         seen = np.nan if felt.height_m is None else felt.height_m

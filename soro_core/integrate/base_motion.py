@@ -122,6 +122,20 @@ def forces_on_base(base: Base, arm: SoftArm, t: float, q: Array, qd: Array) -> A
     return force
 
 
+def energy_on_base(base: Base, arm: SoftArm, t: float, q: Array, qd: Array) -> tuple[float, float]:
+    """Return kinetic and gravitational energy [J] of an arm whose base moves, as of `SoftArm.energy`.
+
+    Parameters
+    ----------
+    base, arm, t, q, qd : callable, SoftArm, float, ndarray, ndarray
+        As of `forces_on_base`.
+    """
+    row, tables = base_rows(base, arm, np.array([t]))[0], with_base(arm.tables)
+    tables.base_rotation[:], tables.base_position[:] = row[:9].reshape(3, 3), row[9:12]
+    tables.base.twist[:] = row[12:18]
+    return entries.mechanical_energy(entries.make_box(tables), q, qd)
+
+
 @inner
 def _stay(e: BaseMotion, t: Tables, inputs: Array) -> None:
     return

@@ -9,7 +9,7 @@ from soro_core.model.links.articulated import complete_rigid, factor, inertia_to
 from soro_core.model.links.lie import compose, dot6, to_body, wrench_to_parent
 from soro_core.model.links.linear import assign, assign_matrix, clear, clear_matrix
 from soro_core.model.links.link_kinematics import along_constant, begin_varying, step_varying, whole_step
-from soro_core.model.links.sweep import DRIVEN, FREE, NO, REFERENCE, YES, move, sweep
+from soro_core.model.links.sweep import DRIVEN, FREE, NO, REFERENCE, YES, move, ride, sweep
 from soro_core.model.records import Asked, CrossSection, Masses, Motion, SubInterval, TangentFactors
 from soro_core.model.tables import Site, Tables
 from soro_core.model.work import (
@@ -196,6 +196,7 @@ def energy(t: Tables, w: Work, q: Array, qd: Array) -> tuple[float, float]:
     assign_matrix(t.base_rotation, R)
     assign(t.base_position, p)
     clear(V)
+    ride(t.base, V, V, w.vectors[BASE_ACCELERATION])  # the last is scratch
     kinetic, potential = 0.0, 0.0
     for i in range(t.length.shape[0]):
         N, F, M = w.inertia[i], w.coupling[i], w.mass[i]

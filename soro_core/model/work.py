@@ -22,7 +22,8 @@ JOINT_WRENCH, JOINT_ACCELERATION
 which it turns into the factors of the joints
 `inertia`: beyond, rotated, columns, vector           itself
 BODY_MOMENTUM
-`energy`: frame BODY, vector BASE_TWIST               itself
+`energy`: frame BODY, vectors BASE_TWIST,             itself
+BASE_ACCELERATION
 `link_ends`: frame BODY, columns                      itself
 `tip_mass_force`: vector CLOSING_WRENCH               itself
 `kinematics`: node, frame NODE                        itself

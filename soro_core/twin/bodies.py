@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from types import MappingProxyType
 
 import numpy as np
 
@@ -89,6 +90,8 @@ class TwinBodies:
         Of each arm by its name, with a `bodies_file`.
     states : sequence of TwinState
         Of the twins, each at rest.
+    mounts : mapping of str to str
+        Arms at the tip of another one, and the arm that carries each. Their twins see all from that tip.
 
     Raises
     ------
@@ -97,7 +100,11 @@ class TwinBodies:
     """
 
     def __init__(
-        self, bodies: Mapping[str, RigidBody], twins: Mapping[str, Twin], states: Sequence[TwinState]
+        self,
+        bodies: Mapping[str, RigidBody],
+        twins: Mapping[str, Twin],
+        states: Sequence[TwinState],
+        mounts: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._twins = twins
         holding = {body.attached.arm or next(iter(twins)) for body in bodies.values() if body.attached}
@@ -110,6 +117,7 @@ class TwinBodies:
             bodies,
             {name: twin.plant.arm for name, twin in twins.items()},
             {name: state.arm.q for name, state in zip(twins, self.begins, strict=True)},
+            mounts,
         )
         step_s = min(STEP_S, *(twin.config.step_s for twin in twins.values()))
         self._stepper = WorldStepper(world, step_s)
@@ -152,12 +160,13 @@ class TwinBodies:
         }
         result = self._stepper.step(replace(self.now.state, arms=arms), ways, self._dt, t, turned)
         self.now = BodyTick(WorldState.last_of(result), result, self.names, efforts)
+        shapes = {name: state.q for name, state in self.now.state.arms.items()}
         return [
             replace(
                 state,
                 arm=self.now.state.arms[name],
                 status=result.status,
-                touched_n=self.now.wrench(name, np.zeros(3))[0],
+                touched_n=self.now.wrench(name, np.zeros(3))[0] @ result.world.frame_of(name, shapes)[:3, :3],
             )
             for name, state in zip(self._twins, behind, strict=True)
         ]

@@ -203,6 +203,9 @@ class TwinConfig(TwinSection, ArmNodeKeys, LimitKeys, SeedKeys):
     bodies_file: str = Field(
         "", description="file whose section bodies has what the arms touch; empty: nothing"
     )
+    mounted_on: str = Field(
+        "", description="arm of the same process that carries this one at its tip; empty: none"
+    )
     priority: Priority = 10
 
     @model_validator(mode="after")

@@ -29,7 +29,7 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     ConfigError
         One line with file, key, what was found and what is allowed.
     """
-    if scene.bodies:
+    if scene.is_coupled:
         _check_bodies(scene, where)
     if scene.arms:
         _check_arms(scene, where)
@@ -219,7 +219,8 @@ def _check_bodies(scene: Scene, where: str) -> None:
     check_attachments(scene.bodies, dict(zip(names, lengths, strict=True)), where)
     for arm in scene.each:
         if allowed := beside_bodies(arm.twin):
-            raise ConfigError(_place(where, arm), "twin", "bodies in the scene", f"{allowed} beside them")
+            what = "bodies in the scene" if scene.bodies else "arms that another one carries"
+            raise ConfigError(_place(where, arm), "twin", what, f"{allowed} beside them")
 
 
 def _check_arms(scene: Scene, where: str) -> None:

@@ -7,15 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from soro_core.bodies.body import check_mounts
 from soro_core.bodies.files import find_shapes
 from soro_core.config import config_folder, find_config, parse, read_yaml, with_changes
 from soro_core.control.laws.registry import with_folder
 from soro_core.errors import ConfigError
 from soro_core.grasping.settings import HandKeys
+from soro_core.rotation import matrix_from_quaternion
+from soro_core.run_keys import Frames
 from soro_core.safety import check_rating, rating_of
 from soro_lab.scene.limits import default_limits
-from soro_lab.scene.scene import OF_RUN, Scene
+from soro_lab.scene.scene import Scene
+from soro_lab.scene.sections import OF_RUN
 
+_WORLD = Frames().world
 _TEXTS = ("name", "description", "platform")
 # What a namespace of ROS may be called.
 _ARM = re.compile(r"[a-z][a-z0-9_]*")
@@ -113,26 +120,43 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
         limits = with_changes(shared[0], minimum_pa=low, maximum_pa=high)
         arms = {name: arm.with_keys(limits=limits) if arm.is_shared else arm for name, arm in arms.items()}
         whole = whole.with_keys(limits=limits)
-    whole = whole.with_keys(arms=arms)
+    whole = whole.with_keys(arms=_carried(whole.with_keys(arms=arms), where))
     if whole.hand is not None:
         _check_hand(whole, whole.hand, where)
     return whole
 
 
+def _carried(scene: Scene, where: str) -> dict[str, Scene]:
+    """Return the arms of a scene; the world of those that another one carries is the tip of that one."""
+    check_mounts(scene.mounts, list(scene.arms), where)
+    arms = dict(scene.arms)
+    for name, host_name in scene.mounts.items():
+        arm, host = arms[name], arms[host_name]
+        down = (
+            matrix_from_quaternion(np.array(host.loaded_robot.base_quaternion)).T @ host.loaded_robot.gravity
+        )
+        world = host.frames.within(host.name).tip if arm.frames.world == _WORLD else arm.frames.world
+        gravity = arm.gravity or tuple(down.tolist())
+        arms[name] = arm.with_keys(gravity=gravity, frames=with_changes(arm.frames, world=world))
+        vars(arms[name])["loaded_robot"] = arm.loaded_robot.replace(gravity=gravity)
+    return arms
+
+
 def _check_hand(scene: Scene, hand: HandKeys, where: str) -> None:
     """Refuse a hand of arms that differ, that would wait for ever, or whose pressures a feedback changes."""
-    if len(scene.arms) < 2:
-        raise ConfigError(where, "arms", len(scene.arms), "two or more fingers of a hand")
+    if len(scene.fingers) < 2:
+        raise ConfigError(where, "arms", len(scene.fingers), "two or more fingers of a hand")
     tracked = [f"bodies/{name}/pose" for name in scene.bodies]
     if scene.mode == "lockstep" and hand.tracked not in ("", *tracked):  # each tick waits for it
         allowed = f"in lockstep a body of the scene: {', '.join(tracked) or 'it has none'}"
         raise ConfigError(where, "hand.tracked", hand.tracked, allowed)
-    for name, arm in scene.arms.items():
+    for arm in scene.fingers:
+        name = arm.prefix.rstrip("/")
         gains = arm.controller.gains
         if arm.controller.adapt or any(one is None or any(one) for one in (gains.k_p, gains.k_d)):
             allowed = "adapt: false and gains of 0 for the fingers of a hand, which it moves by pressure"
             raise ConfigError(f"{where}: arms.{name}", "controller", "a feedback", allowed)
-        if arm.discretisation != scene.each[0].discretisation:
+        if arm.discretisation != scene.fingers[0].discretisation:
             raise ConfigError(f"{where}: arms.{name}", "model", "another model", "the same for all fingers")
 
 

@@ -143,6 +143,12 @@ class HandNodeConfig(NodeKeys, HandKeys):
     state_age_s: float = Field(
         0.5, gt=0, le=10, description="time without control of a finger after which the hand opens"
     )
+    carrier: str = Field(
+        "",
+        description="namespace of the arm that carries the hand at its tip, below that of the node; or none",
+    )
+    carrier_robot: str = Field("", description="its robot file")
+    carrier_model: Discretisation = Field(Discretisation(), description="how it is computed")
 
 
 class ControllerNodeConfig(ArmNodeKeys, RegulatedKeys, PlaceKeys):

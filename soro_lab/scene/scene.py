@@ -17,7 +17,6 @@ from soro_core.estimation.config import EstimatorConfig
 from soro_core.grasping.settings import HandKeys
 from soro_core.pneumatics import RegulatorModel
 from soro_core.robot import Discretisation, Robot, load_robot
-from soro_core.robot.vectors import Quaternion, Vector3
 from soro_core.run_keys import SHARED, ClockKeys, FrameKeys, LimitKeys, RobotKeys, SeedKeys
 from soro_core.safety import usable_range
 from soro_core.safety.vent_check import REST_S
@@ -33,30 +32,20 @@ from soro_lab.scene.nodes import (
     MarkersConfig,
     RegulatorNodeConfig,
 )
-from soro_lab.scene.sections import RecorderSection, VerdictSection, sample_keys, with_sensor_noise
+from soro_lab.scene.sections import (
+    OF_RUN,
+    BaseKeys,
+    RecorderSection,
+    VerdictSection,
+    sample_keys,
+    with_sensor_noise,
+)
 
 if TYPE_CHECKING:  # with the model's code
     from soro_core.adaptation.kept import KeptNumbers
 
 
-# Keys of the whole run, which no arm has of its own.
-OF_RUN = (
-    "name",
-    "arms",
-    "bodies",
-    "hand",
-    "mode",
-    "rate_hz",
-    "duration_s",
-    "recorder",
-    "valves",
-    "arm",
-    "markers",
-    "measured",
-)
-
-
-class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
+class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys, BaseKeys):
     """A run: its robot, platform, duration, and the keys of each node.
 
     Of several arms each one is a scene too, in `arms`, with the keys of all; its name is that of the run and
@@ -76,12 +65,6 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     )
     hand: HandKeys | None = Field(
         None, description="the arms are fingers that squeeze what is between them (soro grasp)"
-    )
-    base_position: Vector3 | None = Field(
-        None, description="of the base in the world [m]; default: that of the robot file"
-    )
-    base_quaternion: Quaternion | None = Field(
-        None, description="of the base in the world, x, y, z, w; default: that of the robot file"
     )
     description: str = Field("", description="what the run shows, in one line (soro scenes)")
     platform: str = Field(
@@ -158,6 +141,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             (real and self.faults, "no faults with valves: real, only with emulated ones"),
             (not real and self.device, "no device with valves: emulated, only with real ones"),
             (real and self.bodies, "no bodies with valves: real, only around a simulated arm"),
+            (real and self.mounted_on, "no mounted_on with valves: real, only a simulated arm"),
             (
                 not real and self.arm == "real",
                 "no arm: real without valves: real, because emulated ones do not supply it",
@@ -194,14 +178,12 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     @cached_property
     def loaded_robot(self) -> Robot:
         """The robot that the scene names, at its place; its file is read once."""
-        robot, place = load_robot(self.robot), (self.base_position, self.base_quaternion)
-        return robot if place == (None, None) else robot.replace(**self.place)
-
-    @property
-    def place(self) -> dict[str, tuple[float, ...]]:
-        """Keys of the place of the robot that the scene states."""
-        stated = {"base_position": self.base_position, "base_quaternion": self.base_quaternion}
-        return {key: value for key, value in stated.items() if value is not None}
+        robot = load_robot(self.robot)
+        return (
+            robot.replace(**self.place)
+            if self.base_position or self.base_quaternion or self.gravity
+            else robot
+        )
 
     @cached_property
     def loaded_platform(self) -> PlatformBase | None:
@@ -212,6 +194,26 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
     def each(self) -> tuple[Scene, ...]:
         """The scene of each arm; of one arm this one alone."""
         return tuple(self.arms.values()) or (self,)
+
+    @property
+    def mounts(self) -> dict[str, str]:
+        """Arms that another one carries, and which."""
+        return {name: arm.mounted_on for name, arm in self.arms.items() if arm.mounted_on}
+
+    def carried_by(self, arm: Scene) -> list[Scene]:
+        """The scenes of the arms at the tip of one."""
+        return [self.arms[name] for name, carrier in self.mounts.items() if carrier == arm.prefix.rstrip("/")]
+
+    @property
+    def is_coupled(self) -> bool:
+        """Whether arms and bodies act on each other."""
+        return bool(self.bodies or self.mounts)
+
+    @property
+    def fingers(self) -> tuple[Scene, ...]:
+        """The scenes of the arms of its hand: of those that are carried, or of all; none without a hand."""
+        carried = tuple(self.arms[name] for name in self.mounts)
+        return (carried or self.each) if self.hand is not None else ()
 
     @property
     def prefix(self) -> str:
@@ -335,6 +337,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys):
             fault_link=fault_link if self.emulates else "",
             duration_s=self.duration_s,
             empty_s=self.limits.vent_limit_s + REST_S,
+            mounted_on=self.mounted_on,
             paused=self.mode == "lockstep",
         )
 

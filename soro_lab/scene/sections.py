@@ -8,7 +8,51 @@ from pydantic import Field
 
 from soro_core.config import Strict, with_changes
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.robot.vectors import Quaternion, Vector3
 from soro_core.twin.config import TwinSection
+
+# Keys of the whole run, which no arm has of its own.
+OF_RUN = (
+    "name",
+    "arms",
+    "bodies",
+    "hand",
+    "mode",
+    "rate_hz",
+    "duration_s",
+    "recorder",
+    "valves",
+    "arm",
+    "markers",
+    "measured",
+)
+
+
+class BaseKeys(Strict):
+    """Keys of where an arm stands, in place of those of its robot file."""
+
+    mounted_on: str = Field(
+        "",
+        description="an earlier arm of the scene that carries this one at its tip: places, poses and forces "
+        "of this arm, also base_position, are then seen from that tip (docs/bodies.md); empty: none",
+    )
+    base_position: Vector3 | None = Field(
+        None, description="of the base in the world [m]; default: that of the robot file"
+    )
+    base_quaternion: Quaternion | None = Field(
+        None, description="of the base in the world, x, y, z, w; default: that of the robot file"
+    )
+    gravity: Vector3 | None = Field(
+        None,
+        description="in the world [m/s^2]; default: that of the robot file, of a carried arm that at the "
+        "tip of its straight carrier",
+    )
+
+    @property
+    def place(self) -> dict[str, tuple[float, ...]]:
+        """Keys of the robot that are stated here."""
+        stated = {key: getattr(self, key) for key in ("base_position", "base_quaternion", "gravity")}
+        return {key: value for key, value in stated.items() if value is not None}
 
 
 class RecorderSection(Strict):

@@ -60,8 +60,12 @@ def write_film(
     whole = load_scene(str(scene_file))
     scene = arm_of(whole, arm, str(run))
     start_s, end_s = span_s
-    bodies = list(tracks_of(bag, whole, f"/{scene.name}/arm/desired/tip").values())
-    shown = film.take(bag, scene, start_s, math.inf if end_s is None else end_s, rate_hz, bodies)
+    # A carried arm is seen from the tip of its carrier, bodies from the world.
+    of_world = [] if scene.mounted_on else tracks_of(bag, whole, f"/{scene.name}/arm/desired/tip").values()
+    carried = whole.carried_by(scene)
+    shown = film.take(
+        bag, scene, start_s, math.inf if end_s is None else end_s, rate_hz, list(of_world), carried
+    )
     write = film.still if file.suffix == ".png" else film.write
     write(shown, file, width)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.2f} MB")

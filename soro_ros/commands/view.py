@@ -171,12 +171,13 @@ def _recorded(bag: Path, robot: str, namespace: str, port: int, rate: float, tra
                 at, shape = arm.loaded_robot, shape_of(arm.loaded_robot, arm.discretisation)
                 own = arm.name if scene.arms else namespace or arm.name
                 arms[arm.prefix.rstrip("/")] = at, read(folder, own, shape, rate, say)
+        mounts = {name: on for name, on in scene.mounts.items() if on in arms} if scene is not None else {}
         zero = f"/{scene.each[0].name}/{PRESSURES}" if scene is not None else ""
         bodies = tracks_of(folder, scene, zero) if scene is not None else {}
         access = Access()
         server = ViewServer(access, port)
         try:
-            player = RecordedPage(server, arms, trail, bodies)
+            player = RecordedPage(server, arms, trail, bodies, mounts)
             typer.echo(f"view: {access.address(server.get_port())}")
             player.run(lambda: bool(ended))
         finally:

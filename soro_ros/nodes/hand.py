@@ -14,6 +14,8 @@ from soro_core.arrays import Array
 from soro_core.errors import ConfigError, SoroError
 from soro_core.grasping import Felt, Hand, SqueezeState
 from soro_core.grasping.settings import HandKeys
+from soro_core.model import SoftArm
+from soro_core.model.discretised import discretised
 from soro_core.robot import load_robot
 from soro_lab.scene import HandNodeConfig
 from soro_ros.conversion import messages, qos
@@ -55,9 +57,12 @@ class HandNode(SoroNode[HandNodeConfig]):
         robots = [load_robot(file) for file in (files if len(files) > 1 else files * len(names))]
         self._chambers = [robot.chamber_names for robot in robots]
         self._hand: Hand
+        self._carrier: SoftArm | None = None
 
         def make() -> None:
             self._hand = Hand(robots, config.model, _keys(config))
+            if config.carrier:
+                self._carrier = discretised(load_robot(config.carrier_robot), config.carrier_model)
 
         self.compile(make)
         self._coordinates = [one.arm.robot.coordinate_names for one in self._hand.squeeze.fingers]
@@ -71,10 +76,13 @@ class HandNode(SoroNode[HandNodeConfig]):
         self._stepped_ns = self._law_ns = -1
         # Time counts from the first tick with control; in lockstep that would depend on the order of arrival.
         self._epoch_ns: int | None = 0 if self._lockstep else None
+        self._palm = f"{config.carrier}/arm/state"
         self._of_fingers = [f"{name}/{topic}" for name in names for topic in ("arm/state", "chambers/state")]
         self._sources = list(self._of_fingers)
         sensor = qos.sensor(self._lockstep)
-        for source in self._of_fingers:
+        if config.carrier:
+            self._sources.append(self._palm)
+        for source in self._sources:
             quality = qos.loop(self._lockstep) if source.endswith("arm/state") else sensor
             self.create_subscription(JointState, source, partial(self._on_message, source), quality)
         if config.tracked:
@@ -173,15 +181,26 @@ class HandNode(SoroNode[HandNodeConfig]):
             shapes.append(None if self._config.by_pressure else np.array(state.position))
         if not np.isfinite(pressures).all():
             return None
-        return Felt(pressures, shapes, self._height(stamp_ns))
+        place = self._object(stamp_ns)
+        if self._carrier is None:
+            return Felt(pressures, shapes, None if place is None else float(place[2]))
+        bent = self._seen.get(self._palm)
+        if not isinstance(bent, JointState) or tuple(bent.name) != self._carrier.robot.coordinate_names:
+            return None
+        if not messages.is_possible(bent.position):
+            return None
+        palm = self._carrier.pose(np.array(bent.position), self._carrier.length)
+        turn, up = palm[:3, :3], self._hand.squeeze.fingers[0].up
+        height = None if place is None else float(up @ turn.T @ (place - palm[:3, 3]))
+        return Felt(pressures, shapes, height, turn.T @ self._carrier.robot.gravity)
 
-    def _height(self, stamp_ns: int) -> float | None:
-        """Height of the object [m]; None where nothing tracks it of late."""
+    def _object(self, stamp_ns: int) -> Array | None:
+        """Place of the object in the world (3,) [m]; None where nothing tracks it of late."""
         seen = self._seen.get(self._config.tracked)
-        if seen is None or not messages.is_pose(seen.pose):
+        if not isinstance(seen, PoseStamped) or not messages.is_pose(seen.pose):
             return None
         age_s = 1e-9 * (stamp_ns - messages.to_ns(seen.header.stamp))
-        return float(seen.pose.position.z) if abs(age_s) < self._config.state_age_s else None
+        return messages.pose_arrays(seen.pose)[0] if abs(age_s) < self._config.state_age_s else None
 
     # One tick --------------------------------------------------------------------------------------
     def _tick(self, stamp_ns: int, dt: float) -> None:

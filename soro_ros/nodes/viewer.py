@@ -109,7 +109,7 @@ class Viewer(SoroNode[ViewerConfig]):
             self._server = self._screen.open(config)
         self._config, robot = config, load_robot(config.robot)
         arm = self.get_namespace().rpartition("/")[2] if self._screen.arms > 1 else ""
-        self._page = LivePage(self, self._server, robot, config.payload_kg, arm)
+        self._page = LivePage(self, self._server, robot, config.payload_kg, arm, config.mounted_on)
         self._received = Received(self.get_namespace())
         self._past: deque[Moment] = deque(maxlen=round(config.trail_s * config.rate_hz))
         # In no executor: a message does not wake this process, the newest one is taken when it is drawn.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +22,7 @@ from soro_lab.scene import Scene
 from soro_ros.recordings.bodies.tracks import BodyTrack
 from soro_ros.recordings.recording import RunRecording
 from soro_ros.recordings.report import in_control, pressure_bounds, read_run, tip_error
-from soro_ros.view.arm_shape import COLOURS, Camera, chambers, lit_faces, places, surface, walls
+from soro_ros.view.arm_shape import COLOURS, Camera, Faces, chambers, lit_faces, places, surface, walls
 from soro_ros.view.body_shape import colour_of, faces_of, grounds_of
 
 if TYPE_CHECKING:
@@ -51,10 +51,27 @@ class Take:
     command: Array
     most_pa: float
     bodies: Sequence[BodyTrack] = ()
+    carried: Sequence[Take] = ()
+    """Arms at its tip, at the same times, their poses in the world too."""
+
+    def until(self, n: int, carried: Sequence[Take] = ()) -> Take:
+        """Return the first n pictures, with arms at its tip."""
+        rows = {key: getattr(self, key)[:n] for key in ("t", "poses", "pressure", "command")}
+        return replace(self, carried=carried, **rows)
+
+    def on_tip(self, carrier: Take, n: int) -> Take:
+        """Return the first n pictures of an arm, seen from the tip of its carrier until here, in the world."""
+        return replace(self.until(n), poses=carrier.poses[:n, -1:] @ self.poses[:n])
 
     def payload_kg(self, k: int) -> float:
         """Payload [kg] of a simulated arm at picture `k`; 0 for a real one, whose payload is not known."""
         return self.scene.twin.payload_at(float(self.t[k])) if self.scene.arm == "simulated" else 0.0
+
+    def faces(self, k: int) -> Faces:
+        """Surface of the arm in picture `k`."""
+        part = np.clip(self.pressure[k] / self.most_pa, 0.0, 1.0)
+        pressure = dict(zip(self.recording.reading.names, part, strict=True))
+        return surface(self.robot, self.s, self.poses[k], pressure, self.payload_kg(k))
 
 
 def take(
@@ -64,6 +81,7 @@ def take(
     end_s: float,
     rate_hz: float,
     bodies: Sequence[BodyTrack] = (),
+    carried: Sequence[Scene] = (),
 ) -> Take:
     """Read a run and compute the shape of its arm at each picture.
 
@@ -80,6 +98,8 @@ def take(
         Pictures a second.
     bodies : sequence of BodyTrack
         What the arms of the scene touch.
+    carried : sequence of Scene
+        Arms at its tip, which are drawn with it.
 
     Raises
     ------
@@ -107,7 +127,10 @@ def take(
     if recording.wanted_tip.t.size:  # what the law says behind a trip reaches no valve
         command[~in_control(recording, t, scene.duration_s)] = np.nan
     most = max(pressure_bounds(scene)[1], float(np.nanmax(pressure, initial=0.0)))
-    return Take(scene, robot, recording, t, s, poses, pressure, command, most, bodies)
+    own = Take(scene, robot, recording, t, s, poses, pressure, command, most, bodies)
+    others = [take(bag, one, begin_s, float(t[-1]), rate_hz) for one in carried]
+    n = min(len(one.t) for one in (own, *others))
+    return own.until(n, [one.on_tip(own, n) for one in others])
 
 
 class AnimatedFigure:
@@ -154,7 +177,8 @@ class AnimatedFigure:
             for track, faces, _ in self._bodies
             for t in (shown.t[0], shown.t[-1])
         ]
-        body = np.concatenate([shown.poses[..., :3, 3].reshape(-1, 3), *near])
+        arms = [one.poses[..., :3, 3].reshape(-1, 3) for one in (shown, *shown.carried)]
+        body = np.concatenate([*arms, *near])
         self._floor = float(body[:, 2].min()) - 0.02 * radius
         seen = self._camera.project(np.concatenate([body, self._fallen(body), self._wanted]))
         self._body = body
@@ -180,11 +204,9 @@ class AnimatedFigure:
         if shown.scene.arm == "simulated" and wall.stiffness:
             planes = (*planes, with_changes(wall.plane, point=tuple(wall.at(shown.t[k])[0])))
         self._walls.set_verts([self._camera.project(one)[:, :2] for one in walls(planes, self._body)])
-        names = shown.recording.reading.names
-        part = np.clip(shown.pressure[k] / shown.most_pa, 0.0, 1.0)
         payload_kg = shown.payload_kg(k)
-        faces = surface(shown.robot, shown.s, shown.poses[k], dict(zip(names, part, strict=True)), payload_kg)
-        solid = [(faces.corners, faces.colours)]
+        own = [one.faces(k) for one in (shown, *shown.carried)]
+        solid = [(np.concatenate([one.corners for one in own]), np.concatenate([one.colours for one in own]))]
         for track, corners, colour in self._bodies:
             pose = track.at(float(shown.t[k]))
             lit = lit_faces(corners @ pose[:3, :3].T + pose[:3, 3], colour)

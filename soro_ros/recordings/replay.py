@@ -122,8 +122,8 @@ def replay(
         raise ConfigError(scene.name, "mode", scene.mode, allowed)
     with TemporaryDirectory() as folder:
         arms = with_robot_files(scene, Path(folder)).each
-        in_hand = scene.hand is not None
-        each = [_replay_arm(bag, arm, in_hand, nodes, tolerance, ignore) for arm in arms]
+        fingers = {finger.name for finger in scene.fingers}
+        each = [_replay_arm(bag, arm, arm.name in fingers, nodes, tolerance, ignore) for arm in arms]
     return Replayed(
         tuple(topic for one in each for topic in one.topics),
         tuple(name for one in each for name in one.left_out),

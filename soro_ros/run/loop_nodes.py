@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from soro_core.config import Strict, with_changes
 from soro_core.grasping.settings import HandKeys
@@ -43,7 +44,7 @@ def control_loop(scene: Scene) -> LoopNodes:
     nodes: dict[str, Strict] = {}
     for arm in scene.each:
         nodes[f"{arm.prefix}estimator"] = arm.estimator_node()
-        nodes[f"{arm.prefix}controller"] = with_changes(arm.controller_node(), hand=scene.hand is not None)
+        nodes[f"{arm.prefix}controller"] = with_changes(arm.controller_node(), hand=arm in scene.fingers)
     if scene.hand is not None:
         nodes["hand"] = _hand_node(scene, scene.hand)
     return LoopNodes(nodes, "controller")
@@ -54,11 +55,20 @@ def _hand_node(scene: Scene, hand: HandKeys) -> HandNodeConfig:
     return HandNodeConfig(
         mode=scene.mode,
         rate_hz=scene.rate_hz,
-        model=scene.each[0].discretisation,
-        fingers=tuple(arm.prefix.rstrip("/") for arm in scene.each),
-        robots=tuple(arm.robot for arm in scene.each),
+        model=scene.fingers[0].discretisation,
+        fingers=tuple(arm.prefix.rstrip("/") for arm in scene.fingers),
+        robots=tuple(arm.robot for arm in scene.fingers),
+        **_carrier(scene),
         **dict(hand),
     )
+
+
+def _carrier(scene: Scene) -> dict[str, Any]:
+    """Return the parameters of the arm that carries a hand, if one does."""
+    for name in scene.mounts.values():
+        arm = scene.arms[name]
+        return {"carrier": name, "carrier_robot": arm.robot, "carrier_model": arm.discretisation}
+    return {}
 
 
 def excitation_loop(scene: Scene) -> LoopNodes:

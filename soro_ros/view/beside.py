@@ -44,6 +44,7 @@ def viewing(scene: Scene, folder: Path, interrupted: Sequence[int]) -> Iterator[
                 robot=arm.robot,
                 payload_kg=arm.twin.payload_kg if scene.arm == "simulated" else 0.0,
                 address_file=str(told),
+                mounted_on=arm.mounted_on,
             )
             for arm in with_robot_files(scene, folder).each
         }

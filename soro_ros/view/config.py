@@ -12,6 +12,7 @@ class ViewerConfig(StartKeys):
 
     robot: str = Field("tue_three_bellow", description="robot file, or the name of a shipped one")
     payload_kg: float = Field(0.0, ge=0, le=100, description="payload drawn at the tip [kg]; 0: none")
+    mounted_on: str = Field("", description="as of the twin: the arm at whose tip this one is drawn")
     bodies_file: str = Field("", description="as of the twin: what is drawn beside the arms; empty: nothing")
     rate_hz: float = Field(20.0, ge=1, le=60, description="pictures a second, at most")
     trail_s: float = Field(10.0, ge=1, le=120, description="length of trails and plots [s]")

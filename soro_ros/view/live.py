@@ -103,12 +103,18 @@ class LivePage(ViewerPage):
     server : viser.ViserServer
     robot : Robot
     payload_kg : float
-    arm : str
-        Name of one of several arms.
+    arm, carrier : str
+        Name of one of several arms, and of the one at whose tip it is.
     """
 
     def __init__(
-        self, node: Node, server: viser.ViserServer, robot: Robot, payload_kg: float, arm: str = ""
+        self,
+        node: Node,
+        server: viser.ViserServer,
+        robot: Robot,
+        payload_kg: float,
+        arm: str = "",
+        carrier: str = "",
     ) -> None:
         self.buttons = Buttons(node, self._tell)
         self._answers: list[str] = []
@@ -116,7 +122,7 @@ class LivePage(ViewerPage):
             button = server.gui.add_button(f"{name} {arm}".rstrip(), color=_COLOURS[name])
             button.on_click(partial(self._press, name))
         self._answer = server.gui.add_text(f"answers {arm}".rstrip(), "", multiline=True, disabled=True)
-        super().__init__(server, robot, payload_kg, arm)
+        super().__init__(server, robot, payload_kg, arm, carrier)
 
     def _press(self, name: str, event: viser.GuiEvent[viser.GuiButtonHandle]) -> None:
         self.buttons.press(name)

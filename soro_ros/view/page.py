@@ -126,21 +126,31 @@ class ViewerPage:
         Payload drawn at the tip; 0 for none.
     name : str
         Of one of several arms: its drawings and its part of the panel have it.
+    carrier : str
+        Name of the arm at whose tip it is: what it draws moves with that; empty: in the world.
     """
 
     def __init__(
-        self, server: viser.ViserServer, robot: Robot, payload_kg: float = 0.0, name: str = ""
+        self,
+        server: viser.ViserServer,
+        robot: Robot,
+        payload_kg: float = 0.0,
+        name: str = "",
+        carrier: str = "",
     ) -> None:
         self._name, self._own = name, f"/{name}" if name else ""
+        if carrier:
+            self._own = f"/{carrier}/tip{self._own}"
         self._server, self._robot, self._skin = server, robot, Skin(robot, payload_kg=payload_kg)
         self._vertices: list[Array] = []
         self._head = ""
         self._most_pa = robot.pressure_range_pa[1]
         length, radius = robot.length, max(link.radius for link in robot.links)
         base = np.array(robot.base_position)
-        server.initial_camera.position = tuple(base + length * np.array([1.5, -1.2, 1.5]))
-        server.initial_camera.look_at = tuple(base + length * np.array([0.15, 0.2, 0.5]))
-        self._make_surroundings(length)
+        if not carrier:
+            server.initial_camera.position = tuple(base + length * np.array([1.5, -1.2, 1.5]))
+            server.initial_camera.look_at = tuple(base + length * np.array([0.15, 0.2, 0.5]))
+            self._make_surroundings(length)
         self._make_arm(length, radius)
         gui = server.gui
         with gui.add_folder(name) if name else contextlib.nullcontext():

@@ -7,6 +7,7 @@ from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 import viser
@@ -129,6 +130,8 @@ class RecordedPage:
         Length of trails and plots [s].
     bodies : mapping of str to BodyTrack, optional
         What the arms touch, by name.
+    mounts : mapping of str to str
+        Arms at the tip of another one, and which, by name.
     """
 
     def __init__(
@@ -137,6 +140,7 @@ class RecordedPage:
         arms: Mapping[str, tuple[Robot, Sequence[Moment]]],
         trail_s: float,
         bodies: Mapping[str, BodyTrack] | None = None,
+        mounts: Mapping[str, str] = MappingProxyType({}),
     ) -> None:
         self._tracks = bodies or {}
         self._bodies = DrawnBodies(server, {name: track.body for name, track in self._tracks.items()})
@@ -147,7 +151,10 @@ class RecordedPage:
         self._button = server.gui.add_button("pause")
         self._slider = server.gui.add_slider("time [s]", 0.0, end_s, step=end_s / 1000, initial_value=0.0)
         self._speed = server.gui.add_dropdown("speed", ("0.25", "0.5", "1", "2", "5"), initial_value="1")
-        self._pages = [ViewerPage(server, robot, name=name) for name, (robot, _) in arms.items()]
+        self._pages = [
+            ViewerPage(server, robot, name=name, carrier=mounts.get(name, ""))
+            for name, (robot, _) in arms.items()
+        ]
         self._t_s, self._playing, self._moved = 0.0, True, True
         self._button.on_click(lambda _: self._toggle())
         self._slider.on_update(self._on_slider)

@@ -14,6 +14,14 @@ from soro_core._by_type import select_by_type
 from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.bodies.stepping.impulses import set_blocks, solve_impulses
+from soro_core.bodies.stepping.mounts import (
+    close_hosts,
+    locate_mount,
+    note_tip,
+    ride_on_host,
+    solve_mover,
+    weigh_mount,
+)
 from soro_core.bodies.stepping.records import ArmTables, NoArm, StepPart, WorldTables
 from soro_core.bodies.stepping.vectors import cross, dot, subtract
 from soro_core.integrate.air import NO_AIR
@@ -25,7 +33,7 @@ from soro_core.model.dynamics import GOOD, NOT_CONVERGED, NOT_FINITE, SINGULAR, 
 from soro_core.model.forces.internal import advance_internal
 from soro_core.model.links.linear import assign, assign_matrix
 from soro_core.model.links.sweep import NO, YES
-from soro_core.model.method import kinematics, solve_system
+from soro_core.model.method import kinematics
 from soro_core.model.records import ArmState, CrossSection
 from soro_core.model.tables import BaseMotion, FixedBase, Site
 
@@ -69,9 +77,10 @@ def _locate(
 ) -> int:
     q, v, _ = now
     start = w.movers.start
-    for i in range(w.movers.n_arms):
+    for i in range(arms.address.shape[0]):
         run = view_at(like, arms.address[i])
         first, behind = arms.first_q[i], arms.first_q[i + 1]
+        m, c = arms.mover[i], arms.column[i]
         at = q[first:behind]
         arms.failed[0] = i
         code = check(run.tables, at, v[first:behind])
@@ -84,8 +93,9 @@ def _locate(
         move_base(run.tables.base, run.tables, run.work.stage_pressure)
         for r in range(3):
             arms.base_place[i, r] = run.tables.base_position[r]
-        for b in range(start.shape[1]):
-            start[i, b] = w.movers.free[i, b] = v[first + b] if first + b < behind else 0.0
+        locate_mount(run.tables.base, arms, i, run, v)
+        for b in range(start.shape[1] - c):
+            start[m, c + b] = w.movers.free[m, c + b] = v[first + b] if first + b < behind else 0.0
         for s in range(arms.first_site[i], arms.first_site[i + 1]):
             site = Site(arms.link[s], arms.place[s], arms.whole[s], arms.step[s], arms.shape[s], arms.rest[s])
             section = CrossSection(arms.R[s], arms.p[s], arms.columns[s, : behind - first])
@@ -103,8 +113,9 @@ It also finds the motion of the bases at the end of the span; gives a code."""
 def arm_speed(arms: ArmTables, w: WorldTables) -> float:
     """Largest speed of a section [m/s], at most: that of the base and that seen from there."""
     largest, arm, v = 0.0, w.points[0], w.points[1]
-    for i in range(w.movers.n_arms):
+    for i in range(arms.address.shape[0]):
         base = arms.base_twist[i]
+        own_start = w.movers.start[arms.mover[i], arms.column[i] :]
         n = arms.first_q[i + 1] - arms.first_q[i]
         for s in range(arms.first_site[i], arms.first_site[i + 1]):
             subtract(arms.p[s], arms.base_place[i], arm)
@@ -114,7 +125,7 @@ def arm_speed(arms: ArmTables, w: WorldTables) -> float:
                 v[r] += base[3 + r]
                 total = 0.0
                 for b in range(n):
-                    total += arms.columns[s, b, 3 + r] * w.movers.start[i, b]
+                    total += arms.columns[s, b, 3 + r] * own_start[b]
                 own += total * total
             largest = max(largest, math.sqrt(own) + math.sqrt(dot(v, v)))
     return largest
@@ -140,7 +151,8 @@ def _begin_arm(
 ) -> None:
     """Start and bases of the stage of arm i, and its pressures where the equation holds."""
     q, _, z = now
-    work, theta, v0 = run.work, w.movers.theta[i], w.movers.start[i]
+    m = arms.mover[i]
+    work, theta, v0 = run.work, w.movers.theta[m], w.movers.start[m, arms.column[i] :]
     assign(q[arms.first_q[i] : arms.first_q[i + 1]], work.q_start)
     assign(z[arms.first_z[i] : arms.first_z[i + 1]], work.z_start)
     own = span.pressure[:, arms.first_u[i] : arms.first_u[i + 1]]
@@ -154,9 +166,10 @@ def _begin_arm(
 
 @inner
 def _linearise(arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float, anew: int) -> int:
-    """arms.residual[i] <- A^-1 of the forces without contact; where factored anew, w.contacts.Y of it."""
+    """Row of arm i in arms.residual <- the forces without contact; its system is factored, if it is anew."""
     t, work = run.tables, run.work
-    theta = w.movers.theta[i]
+    m, first = arms.mover[i], arms.column[i]
+    theta = w.movers.theta[m]
     n, c_v = work.q_start.shape[0], theta * h
     c_q = c_v * c_v
     q, v, z, x = work.q_stage, work.v_stage, work.z_stage, work.acceleration
@@ -167,7 +180,9 @@ def _linearise(arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float,
     code = check(t, q, v)
     if code != GOOD:
         return code
-    advance_internal(t, work.z_start, (w.movers.start[i, :n], v), c_v, z, work.tangent)
+    advance_internal(t, work.z_start, (w.movers.start[m, first : first + n], v), c_v, z, work.tangent)
+    ride_on_host(t.base, arms, i, work.stage_pressure)
+    row = arms.residual[m, first : first + n]
     if anew != KEPT:
         equation = StageEquation(c_q, c_v, c_v, ARM_TOLERANCE, 1)
         secant = 1.0 if anew == BY_SECANT else 0.0
@@ -176,18 +191,27 @@ def _linearise(arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float,
             force_residual(run, work.system, at, arms.no_wrench, YES)
             if not factor(NO_AIR, run, equation, at, YES, secant):
                 return SINGULAR
-        k = w.contacts
-        for c in range(k.counts[0]):
-            for side in range(2):
-                if k.mover[c, side] == i:
-                    for r in range(3):
-                        assign(k.G[c, side, r], k.Y[c, side, r])
-                        solve_system(t, work.system, k.Y[c, side, r, :n])
+        assign(work.residual, row)
+        note_tip(t.base, arms, i, t, work.system)
+        weigh_mount(t.base, arms, i, run, q)
     else:
         force_residual(run, work.model, at, arms.no_wrench, NO)
-    assign(work.residual, arms.residual[i, :n])
-    solve_system(t, work.system, arms.residual[i, :n])
-    return GOOD if finite(arms.residual[i, :n]) else NOT_FINITE
+        assign(work.residual, row)
+        note_tip(t.base, arms, i, t, work.model)
+    return GOOD
+
+
+@inner
+def _answer_contacts(like: Stepping, arms: ArmTables, w: WorldTables) -> None:
+    """w.contacts.Y <- A^-1 G' of the arms."""
+    k = w.contacts
+    for c in range(k.counts[0]):
+        for side in range(2):
+            m = k.mover[c, side]
+            if 0 <= m < w.movers.n_arms:
+                for r in range(3):
+                    assign(k.G[c, side, r], k.Y[c, side, r])
+                    solve_mover(like.tables.base, arms, like, m, k.Y[c, side, r], arms.mounts.no_wrench)
 
 
 @inner
@@ -200,7 +224,7 @@ def _solve(
     then: tuple[Array, Array, Array],
 ) -> int:
     k, end, start, h = w.contacts, w.movers.end, w.movers.start, span.h
-    n_a = w.movers.n_arms
+    n_a = arms.address.shape[0]
     anew = BY_SECANT
     for i in range(n_a):
         _begin_arm(arms, i, view_at(like, arms.address[i]), w, span, now)
@@ -212,18 +236,30 @@ def _solve(
             code = _linearise(arms, i, run, w, h, anew)
             if code != GOOD:
                 return code
-            for b in range(run.work.acceleration.shape[0]):
-                end[i, b] = start[i, b] + h * (run.work.acceleration[b] + arms.residual[i, b])
         if anew != KEPT:
+            if not close_hosts(like.tables.base, arms, like):
+                return SINGULAR
+            _answer_contacts(like, arms, w)
             set_blocks(k, w.movers.stiffness, h)
+        for m in range(w.movers.n_arms):
+            arms.failed[0] = arms.first_arm[m]
+            solve_mover(like.tables.base, arms, like, m, arms.residual[m], arms.mounts.wrench)
+            if not finite(arms.residual[m]):
+                return NOT_FINITE
+        for i in range(n_a):
+            m, c = arms.mover[i], arms.column[i]
+            x = view_at(like, arms.address[i]).work.acceleration
+            for b in range(x.shape[0]):
+                end[m, c + b] = start[m, c + b] + h * (x[b] + arms.residual[m, c + b])
         if not solve_impulses(w):
             return SLIDING
         done, rate = True, 0.0
         for i in range(n_a):
             work = view_at(like, arms.address[i]).work
-            c_q, change = (w.movers.theta[i] * h) ** 2, 0.0
+            m, c = arms.mover[i], arms.column[i]
+            c_q, change = (w.movers.theta[m] * h) ** 2, 0.0
             for b in range(work.acceleration.shape[0]):
-                x = (end[i, b] - start[i, b]) / h
+                x = (end[m, c + b] - start[m, c + b]) / h
                 change = max(change, abs(c_q * (x - work.acceleration[b])) * work.weight[b])
                 work.acceleration[b] = x
             own = change / arms.change[i]
@@ -249,14 +285,15 @@ def _move(
     then: tuple[Array, Array, Array],
 ) -> int:
     """Then <- states of the arms, from their velocities; gives a code."""
-    for i in range(w.movers.n_arms):
+    for i in range(arms.address.shape[0]):
         run = view_at(like, arms.address[i])
+        m, c = arms.mover[i], arms.column[i]
         qs, zs = slice(arms.first_q[i], arms.first_q[i + 1]), slice(arms.first_z[i], arms.first_z[i + 1])
         q0, v0, z0, q1, v1, z1 = now[0][qs], now[1][qs], now[2][zs], then[0][qs], then[1][qs], then[2][zs]
         arms.failed[0] = i
         for b in range(q0.shape[0]):
-            before, after = w.movers.start[i, b], w.movers.end[i, b]
-            q1[b] = q0[b] + h * (before + w.movers.theta[i] * (after - before))
+            before, after = w.movers.start[m, c + b], w.movers.end[m, c + b]
+            q1[b] = q0[b] + h * (before + w.movers.theta[m] * (after - before))
             v1[b] = after
         advance_internal(run.tables, z0, (v0, v1), h, z1, run.work.tangent)
         code = check(run.tables, q1, v1)
@@ -265,7 +302,7 @@ def _move(
         if not finite(z1):
             return NOT_FINITE
     # The next step begins with these: one that has failed leaves nothing behind.
-    for i in range(w.movers.n_arms):
+    for i in range(arms.address.shape[0]):
         found = view_at(like, arms.address[i]).work.acceleration
         assign(found, arms.acceleration[i, : found.shape[0]])
     return GOOD

@@ -17,6 +17,7 @@ from soro_core.bodies.stepping.records import (
 )
 from soro_core.bodies.stepping.surfaces import NEAR
 from soro_core.bodies.stepping.vectors import cross, dot, subtract, turn
+from soro_core.model.links.linear import clear_matrix
 
 
 @inner
@@ -86,39 +87,51 @@ def body_side(w: WorldTables, c: int, side: int, b: int) -> None:
 def arm_side(w: WorldTables, arms: ArmTables, c: int, side: int, i: int, s: int) -> None:
     """Side of contact c at its part of the piece that begins at section s of arm i.
 
-    Where an arm touches itself, both sides move one mover: the second is added to the first.
+    Where both sides move one mover (an arm that touches itself, or fingers of a hand), the second is added to
+    the first.
     """
-    k = w.contacts
+    k, m, host = w.contacts, arms.mover[i], arms.mounts.host[i]
     k.side[c, side] = -1 - s
-    at, kept = side, 0.0
-    if side == 1 and k.mover[c, 0] == i:
-        at, kept = 0, 1.0
+    at, is_added = side, False
+    if side == 1 and k.mover[c, 0] == m:
+        at, is_added = 0, True
         k.mover[c, 1] = -1
-    k.mover[c, at] = i
+    k.mover[c, at] = m
     sign = 1.0 if side == 0 else -1.0
     part, x, frame, G = k.part[c, side], k.point[c], k.frame[c], k.G[c, at]
     v, turns, arm = w.points[ALONG], w.points[TOWARDS], w.points[HERE]
-    subtract(x, arms.base_place[i], arm)
-    base = arms.base_twist[i]
+    rides = i if host < 0 else host
+    subtract(x, arms.base_place[rides], arm)
+    base = arms.base_twist[rides]
     cross(base, arm, v)
     for r in range(3):
         k.given[c, r] += sign * (dot(frame[r], v) + dot(frame[r], base[3:]))
+    if not is_added:
+        clear_matrix(G)
     first, last = arms.p[s], arms.p[s + 1]
     # The point moves with both sections; between them the curve bends, t (1 - t) / 2 of their relative turn.
     bow = 0.5 * part * (1.0 - part)
-    n = arms.first_q[i + 1] - arms.first_q[i]
-    for b in range(G.shape[1]):
+    for b in range(arms.first_q[i + 1] - arms.first_q[i]):
         for r in range(3):
             v[r] = turns[r] = 0.0
-        if b < n:
-            _add_point(w, (arms.R[s], first), arms.columns[s, b], (1.0 - part, -1.0), x)
-            _add_point(w, (arms.R[s + 1], last), arms.columns[s + 1, b], (part, 1.0), x)
-            subtract(last, first, arm)
-            cross(turns, arm, arm)
-            for r in range(3):
-                v[r] += bow * arm[r]
+        _add_point(w, (arms.R[s], first), arms.columns[s, b], (1.0 - part, -1.0), x)
+        _add_point(w, (arms.R[s + 1], last), arms.columns[s + 1, b], (part, 1.0), x)
+        subtract(last, first, arm)
+        cross(turns, arm, arm)
         for r in range(3):
-            G[r, b] = kept * G[r, b] + sign * dot(frame[r], v)
+            v[r] += bow * arm[r]
+        for r in range(3):
+            G[r, arms.column[i] + b] += sign * dot(frame[r], v)
+    if host < 0:
+        return
+    # With the tip of its host the whole arm moves.
+    tip = arms.first_site[host + 1] - 1
+    for b in range(arms.first_q[host + 1] - arms.first_q[host]):
+        for r in range(3):
+            v[r] = turns[r] = 0.0
+        _add_point(w, (arms.R[tip], arms.p[tip]), arms.columns[tip, b], (1.0, 0.0), x)
+        for r in range(3):
+            G[r, arms.column[host] + b] += sign * dot(frame[r], v)
 
 
 @inner

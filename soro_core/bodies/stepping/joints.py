@@ -45,8 +45,9 @@ def find_joints(arms: ArmTables, w: WorldTables) -> bool:
 
 @inner
 def is_joined(arms: ArmTables, i: int, b: int) -> bool:
-    """Whether body b is held on arm i: they do not touch besides."""
+    """Whether body b is held on arm i or its host: they do not touch besides."""
     found = False
     for j in range(arms.joint_body.shape[0]):
-        found = found or (arms.joint_arm[j] == i and arms.joint_body[j] == b)
+        holds = arms.joint_arm[j] == i or arms.joint_arm[j] == arms.mounts.host[i]
+        found = found or (holds and arms.joint_body[j] == b)
     return found

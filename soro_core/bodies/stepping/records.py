@@ -1,7 +1,8 @@
 """What the kernels of a world know and write: bodies, arms and contacts as flat arrays.
 
-A *mover* is what contacts move: first the arms, each with its coordinates, then the bodies, each with its
-twist (angular, linear) in the world, about its centre of mass. Rows of movers are padded to one width.
+A *mover* is what contacts move: first the arms, each with its coordinates and those of the arms that it
+carries, then the bodies, each with its twist (angular, linear) in the world, about its centre of mass. Rows
+of movers are padded to one width.
 """
 
 from __future__ import annotations
@@ -81,6 +82,41 @@ class NoArm(NamedTuple):
     nothing: int = 0
 
 
+class MountTables(NamedTuple):
+    """Arms at the tips of others, see `mounts`; an arm on its own that carries none does not use its rows."""
+
+    host: Integers
+    """Arm that carries each arm at its tip, or -1, (n_a,)."""
+    is_host: Flags
+    offset_rotation: Array
+    """Base of a carried arm, seen from the tip of its host, (n_a, 3, 3)."""
+    offset_place: Array
+    carried_rotation: Array
+    """The same in the world, (n_a, 3, 3)."""
+    carried_place: Array
+    tip_rotation: Array
+    """Tip of each host in the world, (n_a, 3, 3)."""
+    tip_place: Array
+    tip_motion: Array
+    """Its twist, and the rate of that, seen from itself, (n_a, 2, 6)."""
+    wrench: Array
+    """What the base of each arm takes, seen from itself, (n_a, 6)."""
+    columns: Array
+    """J' of the tip of a host; B of a carried arm; (n_a, width, 6)."""
+    answers: Array
+    """A^-1 of these, (n_a, width, 6)."""
+    load: Array
+    """On the tip of a host what it carries, like the inertia of a body; then its gain; (n_a, 6, 6)."""
+    scratch: Array
+    """(3, 6)."""
+    block: Array
+    """(2, 6, 6)."""
+    pivots: Integers
+    no_gravity: Array
+    no_wrench: Array
+    """No wrenches on bases, (n_a, 6)."""
+
+
 class ArmTables(NamedTuple):
     """Arms, and the sections along them between which contacts are looked for."""
 
@@ -91,6 +127,12 @@ class ArmTables(NamedTuple):
     first_z: Integers
     first_u: Integers
     first_site: Integers
+    mover: Integers
+    """Row of `Movers` that has each arm, and its first column there, (n_a,)."""
+    column: Integers
+    first_arm: Integers
+    """Of each such row the arm that stands on its own base, (n_m,)."""
+    mounts: MountTables
     link: Integers
     """Of each section, with what follows as in `soro_core.model.tables.Site`, (n_s, ...)."""
     place: Array
@@ -122,14 +164,16 @@ class ArmTables(NamedTuple):
     acceleration: Array
     """Of the last step, (n_a, width)."""
     residual: Array
-    """Scratch of Newton's iteration, (n_a, width)."""
+    """Scratch of Newton's iteration, by mover, (n_a, width)."""
     change: Array
     """Last correction of each arm relative to its scale, (n_a,)."""
     failed: Integers
     """The arm that is at work, (1,)."""
     no_wrench: Array
     base_twist: Array
-    """Angular and linear velocity of each base in the world at the end of the step, (n_a, 6)."""
+    """Angular and linear velocity of each base in the world at the end of the step, (n_a, 6).
+
+    Of one that an arm carries by the speeds at its start."""
     base_place: Array
     """Places of the bases at its start, (n_a, 3)."""
 
@@ -144,6 +188,7 @@ class Movers(NamedTuple):
     theta: Array
     """Part of the step at which the equation of each mover holds: 1/2, or 1 where it may touch; (n_m,)."""
     n_arms: int
+    """Number of movers that are arms, each with those that it carries; the bodies are behind them."""
     effective: Array
     """Inertia of hinged bodies with damping and spring, (n_m,)."""
     stiffness: float
@@ -233,7 +278,7 @@ OUT, LOCAL_OUT, LOCAL, FACING, N_POINTS = 15, 16, 17, 18, 19
 
 @kernel
 def make_world(bodies: BodyTables, stiffness: float, reach: float, sizes: tuple[int, int]) -> Box:
-    """Return a `WorldTables` in a box; `sizes`: number of arms, width of a row."""
+    """Return a `WorldTables` in a box; `sizes`: number of movers that are arms, width of a row."""
     n_arms, width = sizes
     n_b = bodies.kind.shape[0]
     n = n_arms + n_b

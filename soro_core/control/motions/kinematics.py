@@ -122,8 +122,12 @@ def inverse_kinematics(
         scale = max(float(np.trace(np.linalg.solve(fields.weight, square))) / x.size, 1e-300)
         step = np.linalg.solve(square + damping * scale * fields.weight, slope.T @ error)
         tried = fields.within((x + step) * limit, limit) / limit
-        new_error, new_slope = residual(tried * limit)
-        if float(new_error @ new_error) < float(error @ error):
+        try:
+            new_error, new_slope = residual(tried * limit)
+            is_nearer = float(new_error @ new_error) < float(error @ error)
+        except ModelError:  # no arm is that short
+            is_nearer = False
+        if is_nearer:
             moved = float(np.max(np.abs(tried - x)))
             slow = slow + 1 if float(new_error @ new_error) > _SLOW * float(error @ error) else 0
             x, error, slope, damping = tried, new_error, new_slope, max(0.2 * damping, 1e-12)

@@ -30,7 +30,8 @@ class BodyFigures:
     dropped : bool
         Whether an arm has touched it, and none does in the last 0.1 s of control; not of a hinged one.
     creep_m_s : float
-        Speed of its centre in the last 5 s, of the straight line through its places.
+        Speed of its centre in the last 5 s, of the straight line through its places; beside a hand at the tip
+        of an arm, seen from that tip.
     weight_balance : float
         Mean of the contact forces against its weight there, over the weight, minus 1; NaN of a hinged one.
     largest_normal_n : float
@@ -69,6 +70,9 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
     wanted = {name: body for name, body in scene.bodies.items() if not body.fixed}
     place, control = f"/{scene.name}/bodies", f"/{scene.each[0].name}/arm/desired/tip"
     kinds: dict[str, Any] = {control: PoseStamped, f"{place}/contacts": JointState}
+    carriers = list(dict.fromkeys(scene.mounts.values()))
+    palm = f"/{scene.name}/{carriers[0]}/truth/tip" if len(carriers) == 1 else ""
+    kinds |= {palm: PoseStamped} if palm else {}
     for name in wanted:
         kinds |= {f"{place}/{name}/pose": PoseStamped, f"{place}/{name}/wrench": WrenchStamped}
         kinds |= {f"{place}/{name}/joint": JointState}
@@ -83,6 +87,7 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
         return [(stamp, one) for stamp, one in rows[topic] if first_ns <= stamp <= end_ns]
 
     contacts = [(stamp, messages.efforts(one)) for stamp, one in between(f"{place}/contacts", begin_ns)]
+    palms = {stamp: messages.transform(one.pose) for stamp, one in between(palm, last_ns)} if palm else {}
     arms = {arm.prefix.rstrip("/") or "arm" for arm in scene.each}
     found = {}
     for name, body in wanted.items():
@@ -100,7 +105,9 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
             if body.attached
             else _speed(
                 np.array([1e-9 * (stamp - last_ns) for stamp, _ in poses]),
-                np.array([messages.pose_arrays(one.pose)[0] for _, one in poses]),
+                np.array(
+                    [_seen_from(palms.get(stamp), messages.transform(one.pose)) for stamp, one in poses]
+                ),
             ),
             weight_balance=float(carried.mean()) / weight_n - 1.0 if carried.size else math.nan,
             largest_normal_n=max((sum(of.values()) for _, of in own), default=math.nan),
@@ -119,6 +126,11 @@ def _efforts(body: RigidBody, rows: list[tuple[float, Any]]) -> dict[str, float]
     efforts, alone = [one for _, one in driven], [body.torque_alone(*drive(t)) for t, _ in driven]
     effort, whole = (float(np.sqrt(np.mean(np.square(one)))) for one in (efforts, alone))
     return {"effort_n_m": effort, "effort_part": effort / whole if whole else math.nan}
+
+
+def _seen_from(palm: Array | None, pose: Array) -> Array:
+    """Place of a body (3,) [m], seen from a palm (4, 4); in the world without one."""
+    return pose[:3, 3] if palm is None else np.asarray(palm[:3, :3].T @ (pose - palm)[:3, 3])
 
 
 def _speed(t: Array, places: Array) -> float:

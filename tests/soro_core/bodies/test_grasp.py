@@ -146,7 +146,6 @@ def test_arms_of_different_kinds_share_a_world():
         ({"pressures": {"finger0": [0.0] * 2}}, "pressures: finger0"),
         ({"pressures": {"finger9": [0.0] * 3}}, "allowed: finger0, finger1, finger2"),
         ({"world": {"q0": {"finger0": [np.nan] * 3}}}, "not finite"),
-        ({"motions": {"finger0": Shake()}}, "finger1 has none"),
     ],
 )
 def test_bad_inputs_of_arms_are_refused_in_one_line(inputs, said):

@@ -42,9 +42,14 @@ def test_every_shared_key_reaches_every_node_that_has_it():
 
 
 def test_the_scene_and_the_twin_share_no_key_beside_those():
-    """They differ in meaning: 0 is no end for a twin, and a scene may leave its model to be chosen."""
+    """They differ in meaning: 0 is no end for a twin, a scene may leave its model to be chosen, and its arms
+    are those that a twin finds in its process."""
     shared = {name for keys in SHARED for name in keys.model_fields}
-    assert (Scene.model_fields.keys() & TwinConfig.model_fields.keys()) - shared == {"duration_s", "model"}
+    assert (Scene.model_fields.keys() & TwinConfig.model_fields.keys()) - shared == {
+        "duration_s",
+        "model",
+        "mounted_on",
+    }
 
 
 def test_a_path_of_the_checkout_is_answered_elsewhere_by_the_name_that_works(tmp_path, monkeypatch):

@@ -273,7 +273,5 @@ def check_mounts(mounts: Mapping[str, str], arms: Sequence[str], where: str) -> 
             raise ConfigError(where, "mounts", name, ", ".join(arms) or "none, as there is no arm")
         before = [one for one in arms[: list(arms).index(name)] if one not in mounts]
         if host not in before:
-            allowed = (
-                f"an arm before it that stands on a base of its own: {', '.join(before) or 'there is none'}"
-            )
+            allowed = f"an arm on a base of its own, before it: {', '.join(before) or 'there is none'}"
             raise ConfigError(where, f"arms.{name}.mounted_on", host, allowed)

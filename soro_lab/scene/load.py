@@ -127,9 +127,9 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
 
 
 def _carried(scene: Scene, where: str) -> dict[str, Scene]:
-    """Return the arms of a scene; the world of those that another one carries is the tip of that one."""
-    check_mounts(scene.mounts, list(scene.arms), where)
-    arms = dict(scene.arms)
+    """Return the arms of a scene, those that another one carries last: their world is the tip of that one."""
+    arms = dict(sorted(scene.arms.items(), key=lambda item: bool(item[1].mounted_on)))
+    check_mounts(scene.mounts, list(arms), where)
     for name, host_name in scene.mounts.items():
         arm, host = arms[name], arms[host_name]
         down = (

@@ -33,7 +33,7 @@ class BaseKeys(Strict):
 
     mounted_on: str = Field(
         "",
-        description="an earlier arm of the scene that carries this one at its tip: places, poses and forces "
+        description="arm of the scene that carries this one at its tip: places, poses and forces "
         "of this arm, also base_position, are then seen from that tip (docs/bodies.md); empty: none",
     )
     base_position: Vector3 | None = Field(

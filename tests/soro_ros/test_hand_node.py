@@ -74,6 +74,45 @@ def test_a_hand_whose_tracker_is_silent_opens_when_it_is_asked_to(hand):
     assert max(hand.bends()) < 0.01 * bent
 
 
+def test_a_hand_on_an_arm_sees_its_object_from_the_palm(domain):
+    """A ball that stays below a palm that goes aside and tilts has not moved."""
+    fingers = f"fingers:=[{', '.join(FINGERS)}]"
+    arm = ("carrier:=upper", "carrier_robot:=three_bellow_hanging")
+    with active(HandNode, fingers, f"tracked:={TRACKED}", *arm) as node:
+        carrier, seen = node._carrier, []
+        for bend in (0.0, 8.0):
+            q = np.array([0.02, bend, 0.0])
+            now_ns = node.get_clock().now().nanoseconds
+            stamp = messages.to_time(now_ns)
+            state = JointState(name=carrier.robot.coordinate_names, position=q.tolist())
+            palm = carrier.pose(q, carrier.length)
+            below = np.eye(4)
+            below[:3, 3] = [0.01, 0.0, 0.06]
+            ball = messages.pose_stamped(palm @ below, now_ns, "")
+            state.header.stamp = stamp
+            receive(node, "upper/arm/state", state)
+            receive(node, TRACKED, ball)
+            for name, chambers, coordinates in zip(FINGERS, node._chambers, node._coordinates, strict=True):
+                still = JointState(name=coordinates, position=[0.0] * len(coordinates))
+                still.header.stamp = stamp
+                receive(node, f"{name}/arm/state", still)
+                receive(
+                    node,
+                    f"{name}/chambers/state",
+                    messages.chambers(chambers, np.zeros(len(chambers)), now_ns),
+                )
+            seen.append(node._felt_now(now_ns))
+        straight, tilted = seen
+        up = node._hand.squeeze.fingers[0].up
+        assert straight.height_m == pytest.approx(up @ [0.01, 0.0, 0.06], abs=1e-9)
+        assert tilted.height_m == pytest.approx(straight.height_m, abs=1e-9)
+        np.testing.assert_allclose(straight.gravity, [0.0, 0.0, 9.81], atol=1e-9)
+        np.testing.assert_allclose(tilted.gravity, palm[:3, :3].T @ [0.0, 0.0, -9.81], atol=1e-9)
+        assert abs(tilted.gravity[:2]).max() > 1.0
+        receive(node, "upper/arm/state", JointState(header=state.header))  # no estimate of the arm
+        assert node._felt_now(now_ns) is None
+
+
 def test_an_open_hand_says_so_whenever_it_is_asked_to_open(hand):
     """Whoever asks waits for a report; of fingers that are not in control it says that."""
     hand.feed(1, tracked=False)

@@ -174,7 +174,10 @@ def test_a_body_on_a_carried_arm_is_where_that_arm_is():
 @pytest.mark.parametrize(
     ("mounts", "text"),
     [
-        ({"left": "nobody"}, "arms.left.mounted_on: got 'nobody'; allowed: an arm before it.*: upper"),
+        (
+            {"left": "nobody"},
+            "arms.left.mounted_on: got 'nobody'; allowed: an arm on a base of its own, before it: upper",
+        ),
         ({"upper": "left"}, "arms.upper.mounted_on: got 'left'; allowed: .*there is none"),
         ({"left": "upper", "right": "left"}, "arms.right.mounted_on: got 'left'; allowed: .*: upper"),
         ({"thumb": "upper"}, "mounts: got 'thumb'; allowed: upper, left, right"),

@@ -70,6 +70,14 @@ def test_the_bounds_are_ten_millimetres_and_ten_degrees(robot, rest, moved, turn
     assert light.findings([one], wide) == []
 
 
+def test_a_pose_that_an_arm_is_too_long_for_is_compared_all_the_same():
+    """The links of this arm cannot become as short as the search for a shape at the base asks them to."""
+    robot = load_robot(find_config("asu_two_segment", "robots"))
+    at_base = SensorSample("sensors/pose0", robot.length, np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]))
+    (line,) = resting_arm(Controller(robot)).findings([at_base], BOUNDS)
+    assert line.startswith("sensors/pose0")
+
+
 def test_every_sensor_has_to_fit(robot, rest):
     zero = equilibrium(rest.arm, np.zeros(3))
     tip, middle = (rest.arm.pose(zero, s) for s in (robot.length, 0.5 * robot.length))

@@ -99,6 +99,33 @@ def test_an_arm_that_holds_a_body_begins_straight_and_tells_who_drives_it():
     assert abs(efforts[-1]) < 0.1  # the muscle bears most of it
 
 
+def test_the_twin_of_a_carried_arm_sees_all_from_the_tip_that_carries_it():
+    hanging = load_robot("tue_three_bellow").replace(base_quaternion=[1.0, 0.0, 0.0, 0.0])
+    seen = hanging.replace(base_quaternion=[0.0, 0.0, 0.0, 1.0], gravity=[0.0, 0.0, 9.81])
+    twins = {"upper": Twin(hanging, CONFIG), "lower": Twin(seen, CONFIG)}
+    wall = RigidBody(shape=BoxShape(size=[0.02, 0.2, 0.2]), fixed=True, position=[0.035, 0.0, -0.12])
+    mounts = {"lower": "upper"}
+    states = [twin.initial() for twin in twins.values()]
+    bodies = TwinBodies({"wall": wall}, twins, states, mounts)
+    pressures = {"upper": 0.0 * PRESSURE, "lower": np.array([0.0, 60e3, 60e3])}
+    for _ in range(200):
+        air = [
+            twin.step_pressures(state, pressures[name])
+            for (name, twin), state in zip(twins.items(), states, strict=True)
+        ]
+        states = bodies.move(states, air)
+    upper, lower = (twin.observe(state)[1] for twin, state in zip(twins.values(), states, strict=True))
+    ends = {name: state.arm.q for name, state in zip(twins, states, strict=True)}
+    world = bodies.now.result.world
+    np.testing.assert_allclose(upper.tip, world.frame_of("lower", ends), atol=1e-12)
+    there = upper.tip @ lower.tip
+    assert np.linalg.norm(upper.tip[:2, 3]) > 1e-3  # the wall has pushed the carrier, too
+    force = bodies.now.wrench("lower", np.zeros(3))[0]
+    assert force[0] < -1e-3
+    np.testing.assert_allclose(upper.tip[:3, :3] @ lower.contact_n, force, atol=1e-12)
+    assert there[0, 3] == pytest.approx(0.025 - 0.013, abs=1e-3)  # its skin lies on the wall
+
+
 def test_a_drive_that_would_ring_is_refused():
     twin, hand = driven_hand(stiffness=1e3)
     with pytest.raises(ModelError, match="body hand: its drive is too stiff for ticks of 5 ms"):

@@ -1,12 +1,14 @@
 """A scene of several arms: each has the keys of the scene where it states none of its own."""
 
+import numpy as np
 import pytest
 import yaml
 
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot, save_robot
 from soro_hardware import load_platform
-from soro_lab.scene import check_scene, load_scene, require_one_arm
+from soro_lab.scene import check_scene, load_scene, require_one_arm, with_robot_files
+from soro_ros.run.loop_nodes import control_loop
 
 TWO = {
     "mode": "lockstep",
@@ -115,6 +117,45 @@ def test_valves_in_another_order_than_the_chambers_feed_the_right_ones(platform_
     assert scene.twin_node("a", "b").plant_chambers == (2, 1, 0)
 
 
+CARRIED = {
+    "mode": "lockstep",
+    "robot": "tue_three_bellow",
+    "arms": {
+        "upper": {"base_quaternion": [1.0, 0.0, 0.0, 0.0]},
+        "lower": {"mounted_on": "upper", "base_position": [0.01, 0.0, 0.0]},
+    },
+}
+
+
+def test_what_a_carried_arm_calls_the_world_is_the_tip_of_its_carrier(scene_of, tmp_path):
+    scene = scene_of(CARRIED)  # whose file has the carrier last
+    upper, lower = scene.each
+    assert (scene.mounts, scene.is_coupled, scene.carried_by(upper)) == ({"lower": "upper"}, True, [lower])
+    assert lower.frames.world == "hand/upper/tip"
+    assert upper.frames.world == "world"
+    np.testing.assert_allclose(lower.loaded_robot.gravity, [0.0, 0.0, 9.81], atol=1e-12)  # it hangs on
+    assert upper.loaded_robot.gravity == (0.0, 0.0, -9.81)
+    assert [arm.twin_node().mounted_on for arm in scene.each] == ["", "upper"]
+    assert check_scene(scene, "hand.yaml") == []
+    used = tmp_path / "scene_used.yaml"
+    used.write_text(yaml.safe_dump(scene.to_dict(), sort_keys=False))
+    assert load_scene(used).each == scene.each
+    assert load_scene(used).each[1].loaded_robot == lower.loaded_robot
+    files = with_robot_files(scene, tmp_path).each  # what the nodes read
+    assert load_robot(files[1].robot).gravity == lower.loaded_robot.gravity
+    assert scene_of(CARRIED, {"arms.lower.gravity": [1.0, 0.0, 0.0]}).each[1].loaded_robot.gravity[0] == 1.0
+
+
+def test_the_fingers_of_a_hand_on_an_arm_are_the_carried_arms():
+    scene = load_scene("hand_on_an_arm")
+    nodes = control_loop(scene).nodes
+    assert nodes["hand"].fingers == ("thumb", "index", "middle")
+    assert (nodes["hand"].carrier, nodes["hand"].carrier_robot) == ("upper", "asu_two_segment")
+    assert [nodes[f"{arm.prefix}controller"].hand for arm in scene.each] == [False, True, True, True]
+    assert scene.arms["upper"].controller.adapt
+    assert control_loop(load_scene("grasp_ball")).nodes["hand"].carrier == ""
+
+
 def arms(**keys):
     return TWO | {"arms": TWO["arms"] | keys}
 
@@ -129,6 +170,15 @@ WRONG = {
     "no robot": (arms(left={"robot": "nobody"}), "nobody"),
     "no place": (arms(left={"base_position": [0.0, 0.0]}), "arms.left: base_position"),
     "no rotation": (arms(left={"base_quaternion": [0.0, 0.0, 0.0, 0.0]}), "arms.left: base_quaternion"),
+    "a carrier that is not there": (
+        arms(right={"mounted_on": "nobody"}),
+        "arms.right.mounted_on: got 'nobody'; allowed: an arm on a base of its own, before it: left",
+    ),
+    "a carrier that is carried": (
+        arms(left={"mounted_on": "right"}, right={"mounted_on": "left"}),
+        "arms.left.mounted_on: got 'right'; allowed: an arm on a base of its own, before it: there is none",
+    ),
+    "an arm on itself": (arms(right={"mounted_on": "right"}), "arms.right.mounted_on: got 'right'"),
     "limits of one": (
         {
             "platform": FINGERS,

@@ -115,3 +115,23 @@ def test_several_arms_are_on_one_page_each_with_its_own_moments(recorded):
         assert right._meshes[0].visible
     finally:
         server.stop()
+
+
+@pytest.mark.process
+def test_an_arm_at_the_tip_of_another_is_drawn_below_the_frame_of_that_tip(recorded):
+    """In a viser scene what has the name of a frame before its own moves with that frame."""
+    server = ViewServer(Access(), 18300)
+    try:
+        robot = load_robot("tue_three_bellow")
+        arms = {"upper": (robot, recorded), "lower": (robot, recorded)}
+        player = RecordedPage(server, arms, 10.0, mounts={"lower": "upper"})
+        server.get_clients = lambda: {0: None}
+        player.step(0.5)
+        upper, lower = player._pages
+        tip = next(frame for frame in upper._frames if frame.name == "/upper/tip")
+        end = upper._skin.names.index("core")
+        assert tip.visible
+        assert np.linalg.norm(tip.position - upper._vertices[end][-1]) < 0.3 * robot.length
+        assert lower._meshes[0].name == f"/upper/tip/lower/arm/{lower._skin.names[0]}"
+    finally:
+        server.stop()

@@ -29,7 +29,7 @@ def check_scene(scene: Scene, where: str) -> list[str]:
     ConfigError
         One line with file, key, what was found and what is allowed.
     """
-    if scene.is_coupled:
+    if (scene.bodies or scene.mounts) and scene.arm == "simulated":
         _check_bodies(scene, where)
     if scene.arms:
         _check_arms(scene, where)

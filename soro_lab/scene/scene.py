@@ -141,7 +141,7 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys, BaseKeys):
             (real and self.faults, "no faults with valves: real, only with emulated ones"),
             (not real and self.device, "no device with valves: emulated, only with real ones"),
             (real and self.bodies, "no bodies with valves: real, only around a simulated arm"),
-            (real and self.mounted_on, "no mounted_on with valves: real, only a simulated arm"),
+            (real and self.mounted_on and self.arm != "real", "no mounted_on with real valves but arm: real"),
             (
                 not real and self.arm == "real",
                 "no arm: real without valves: real, because emulated ones do not supply it",
@@ -203,11 +203,6 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys, BaseKeys):
     def carried_by(self, arm: Scene) -> list[Scene]:
         """The scenes of the arms at the tip of one."""
         return [self.arms[name] for name, carrier in self.mounts.items() if carrier == arm.prefix.rstrip("/")]
-
-    @property
-    def is_coupled(self) -> bool:
-        """Whether arms and bodies act on each other."""
-        return bool(self.bodies or self.mounts)
 
     @property
     def fingers(self) -> tuple[Scene, ...]:

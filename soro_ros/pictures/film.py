@@ -60,7 +60,7 @@ class Take:
         return replace(self, carried=carried, **rows)
 
     def on_tip(self, carrier: Take, n: int) -> Take:
-        """Return the first n pictures of an arm, seen from the tip of its carrier until here, in the world."""
+        """Return the first n pictures of an arm that was seen from the tip of its carrier, in the world."""
         return replace(self.until(n), poses=carrier.poses[:n, -1:] @ self.poses[:n])
 
     def payload_kg(self, k: int) -> float:

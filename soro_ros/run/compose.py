@@ -163,7 +163,7 @@ class Run:
     def _twin(self, arm: Scene) -> Strict:
         links = self.processes.links.get("" if arm.is_shared else arm.prefix)
         config = arm.twin_node(str(links.plant), str(links.faults)) if links else arm.twin_node()
-        bodies = str(self.folder / "scene_used.yaml") if self.scene.is_coupled else ""
+        bodies = str(self.folder / "scene_used.yaml") if self.scene.bodies or self.scene.mounts else ""
         # It cannot know how long a probe takes: the run ends its time then.
         ends = {"duration_s": 0.0} if self._probes_in_lockstep else {}
         return with_changes(config, bodies_file=bodies, **ends)

@@ -130,7 +130,7 @@ CARRIED = {
 def test_what_a_carried_arm_calls_the_world_is_the_tip_of_its_carrier(scene_of, tmp_path):
     scene = scene_of(CARRIED)  # whose file has the carrier last
     upper, lower = scene.each
-    assert (scene.mounts, scene.is_coupled, scene.carried_by(upper)) == ({"lower": "upper"}, True, [lower])
+    assert (scene.mounts, scene.carried_by(upper)) == ({"lower": "upper"}, [lower])
     assert lower.frames.world == "hand/upper/tip"
     assert upper.frames.world == "world"
     np.testing.assert_allclose(lower.loaded_robot.gravity, [0.0, 0.0, 9.81], atol=1e-12)  # it hangs on
@@ -144,6 +144,13 @@ def test_what_a_carried_arm_calls_the_world_is_the_tip_of_its_carrier(scene_of, 
     files = with_robot_files(scene, tmp_path).each  # what the nodes read
     assert load_robot(files[1].robot).gravity == lower.loaded_robot.gravity
     assert scene_of(CARRIED, {"arms.lower.gravity": [1.0, 0.0, 0.0]}).each[1].loaded_robot.gravity[0] == 1.0
+
+
+def test_a_real_arm_may_carry_a_real_one(scene_of):
+    real = {"valves": "real", "arm": "real", "mode": "real_time", "platform": FINGERS}
+    assert scene_of(CARRIED | real).each[1].frames.world == "hand/upper/tip"
+    with pytest.raises(ConfigError, match="no mounted_on with real valves but arm: real"):
+        scene_of(CARRIED | real | {"arm": "simulated"})
 
 
 def test_the_fingers_of_a_hand_on_an_arm_are_the_carried_arms():

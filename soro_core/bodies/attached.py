@@ -19,7 +19,10 @@ from soro_core.robot.description import END_TOLERANCE
 
 
 def refuse_displaced(
-    bodies: Mapping[str, RigidBody], arms: Sequence[str], motions: Mapping[str, Base]
+    bodies: Mapping[str, RigidBody],
+    arms: Sequence[str],
+    motions: Mapping[str, Base],
+    mounts: Mapping[str, str],
 ) -> None:
     """Refuse motions of what is joined that are displaced or turned at the start: the joint would tear there.
 
@@ -30,6 +33,8 @@ def refuse_displaced(
         Names.
     motions : mapping of str to callable
         Of bodies and of bases of arms, by name.
+    mounts : mapping of str to str
+        Arms that another one carries, and which.
 
     Raises
     ------
@@ -38,7 +43,8 @@ def refuse_displaced(
     joined = [
         (name, body.attached.arm or arms[0]) for name, body in bodies.items() if body.attached is not None
     ]
-    for who in dict.fromkeys(name for pair in joined for name in pair if name in motions):
+    moved = [(body, mounts.get(arm, arm)) for body, arm in joined]
+    for who in dict.fromkeys(name for pair in moved for name in pair if name in motions):
         start = motions[who](0.0)
         if np.any(start.displacement) or not np.array_equal(start.rotation, np.eye(3)):
             text = f"motions: {who} is displaced at 0 s, which would tear a joint"

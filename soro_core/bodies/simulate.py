@@ -189,7 +189,7 @@ def simulate_world(
     motions = {**world.motions, **(motions or {})}
     refuse_unknown(world, {"pressures": pressures, "q0": starts, "wrenches": wrenches, "motions": motions})
     driven = {name: base for name, base in motions.items() if name in world.bodies}
-    refuse_displaced(world.bodies, list(world.arms), motions)
+    refuse_displaced(world.bodies, list(world.arms), motions, world.mounts)
     bases = bases_of(world, {name: base for name, base in motions.items() if name in world.arms})
     built = build_world(world, bases)
     n_q, n_z = int(built.first_q[-1]), int(built.first_z[-1])

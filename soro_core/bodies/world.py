@@ -147,8 +147,12 @@ class BodyWorld:
                 f"points_per_link = {self.points_per_link}: allowed are whole numbers", "points_per_link"
             )
         check_mounts(self.mounts, list(self.arms), "world")
+        for name in self.mounts:
+            if (robot := self.arms[name].robot).contacts or robot.tip_constraint:
+                what = "of an arm that another one carries: allowed is neither"
+                raise ModelError(f"arms: {name}: contacts or tip_constraint {what}", name)
         check_attachments(self.bodies, {name: arm.length for name, arm in self.arms.items()}, "world")
-        refuse_displaced(self.bodies, list(self.arms), self.motions)
+        refuse_displaced(self.bodies, list(self.arms), self.motions, self.mounts)
         if np.shape(self.gravity) != (3,) or not np.isfinite(self.gravity).all():
             raise ModelError(f"gravity = {short(self.gravity)}: allowed are three numbers", "gravity")
 

@@ -108,11 +108,15 @@ class TwinBodies:
     ) -> None:
         self._twins = twins
         holding = {body.attached.arm or next(iter(twins)) for body in bodies.values() if body.attached}
+        holding |= {mounts[name] for name in holding if name in mounts}
         self.begins = tuple(
             replace(state, arm=_straight(state.arm)) if name in holding else state
             for name, state in zip(twins, states, strict=True)
         )
-        """States of the twins at the start: an arm that holds a body is straight, as its file places it."""
+        """States of the twins at the start: an arm that holds a body is straight, as its file places it.
+
+        So is one that carries such an arm.
+        """
         world = BodyWorld(
             bodies,
             {name: twin.plant.arm for name, twin in twins.items()},

@@ -218,6 +218,12 @@ def _check_bodies(scene: Scene, where: str) -> None:
     lengths = [arm.loaded_robot.length for arm in scene.each]
     check_attachments(scene.bodies, dict(zip(names, lengths, strict=True)), where)
     for arm in scene.each:
+        robots = (
+            [arm.loaded_robot, described_plant(arm.loaded_robot, arm.twin_node())] if arm.mounted_on else []
+        )
+        if any(one.contacts or one.tip_constraint for one in robots):
+            allowed = "none of them in the file of an arm that another one carries"
+            raise ConfigError(_place(where, arm), "robot", "contacts or tip_constraint", allowed)
         if allowed := beside_bodies(arm.twin):
             what = "bodies in the scene" if scene.bodies else "arms that another one carries"
             raise ConfigError(_place(where, arm), "twin", what, f"{allowed} beside them")

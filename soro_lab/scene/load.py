@@ -7,22 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from soro_core.bodies.body import check_mounts
 from soro_core.bodies.files import find_shapes
 from soro_core.config import config_folder, find_config, parse, read_yaml, with_changes
 from soro_core.control.laws.registry import with_folder
 from soro_core.errors import ConfigError
 from soro_core.grasping.settings import HandKeys
-from soro_core.rotation import matrix_from_quaternion
-from soro_core.run_keys import Frames
 from soro_core.safety import check_rating, rating_of
 from soro_lab.scene.limits import default_limits
 from soro_lab.scene.scene import Scene
 from soro_lab.scene.sections import OF_RUN
 
-_WORLD = Frames().world
 _TEXTS = ("name", "description", "platform")
 # What a namespace of ROS may be called.
 _ARM = re.compile(r"[a-z][a-z0-9_]*")
@@ -50,6 +45,8 @@ def load_scene(name: str | Path, changes: dict[str, Any] | None = None) -> Scene
     if "/" in str(data["name"]):
         raise ConfigError(str(path), "name", data["name"], "lower-case letters, digits and _")
     scene = (_of_arms if data.get("arms") else _of_one_arm)(data, str(path))
+    if scene.mounted_on and not scene.arms:
+        raise ConfigError(str(path), "mounted_on", scene.mounted_on, "an arm of a scene of several arms")
     if any(one.controller.joint for one in (scene, *scene.arms.values())):
         _check_joints(scene, str(path))
     return scene
@@ -120,25 +117,29 @@ def _of_arms(data: dict[str, Any], where: str) -> Scene:
         limits = with_changes(shared[0], minimum_pa=low, maximum_pa=high)
         arms = {name: arm.with_keys(limits=limits) if arm.is_shared else arm for name, arm in arms.items()}
         whole = whole.with_keys(limits=limits)
-    whole = whole.with_keys(arms=_carried(whole.with_keys(arms=arms), where))
+    whole = whole.with_keys(arms=_carried(whole.with_keys(arms=arms), own, where))
     if whole.hand is not None:
         _check_hand(whole, whole.hand, where)
     return whole
 
 
-def _carried(scene: Scene, where: str) -> dict[str, Scene]:
-    """Return the arms of a scene, those that another one carries last: their world is the tip of that one."""
+def _carried(scene: Scene, own: dict[str, Any], where: str) -> dict[str, Scene]:
+    """Return the arms of a scene, those that another one carries last: their world is the tip of that one.
+
+    `own`: what each arm states of its own; what the scene states of its world is not that of a carried arm.
+    """
     arms = dict(sorted(scene.arms.items(), key=lambda item: bool(item[1].mounted_on)))
     check_mounts(scene.mounts, list(arms), where)
-    for name, host_name in scene.mounts.items():
-        arm, host = arms[name], arms[host_name]
-        down = (
-            matrix_from_quaternion(np.array(host.loaded_robot.base_quaternion)).T @ host.loaded_robot.gravity
-        )
-        world = host.frames.within(host.name).tip if arm.frames.world == _WORLD else arm.frames.world
-        gravity = arm.gravity or tuple(down.tolist())
-        arms[name] = arm.with_keys(gravity=gravity, frames=with_changes(arm.frames, world=world))
-        vars(arms[name])["loaded_robot"] = arm.loaded_robot.replace(gravity=gravity)
+    for name, carrier_name in scene.mounts.items():
+        arm, carrier = arms[name], arms[carrier_name]
+        if "world" in (own[name].get("frames") or {}):
+            arm = arm.with_keys()
+        else:
+            arm = arm.with_keys(
+                frames=with_changes(arm.frames, world=carrier.frames.within(carrier.name).tip)
+            )
+        vars(arm).pop("loaded_robot", None)
+        vars(arm)["loaded_carrier"], arms[name] = carrier.loaded_robot, arm
     return arms
 
 
@@ -146,6 +147,11 @@ def _check_hand(scene: Scene, hand: HandKeys, where: str) -> None:
     """Refuse a hand of arms that differ, that would wait for ever, or whose pressures a feedback changes."""
     if len(scene.fingers) < 2:
         raise ConfigError(where, "arms", len(scene.fingers), "two or more fingers of a hand")
+    for name, arm in scene.arms.items() if scene.mounts else ():
+        carrier = next(iter(scene.mounts.values()))
+        if arm.mounted_on != carrier and name != carrier:
+            allowed = f"{carrier}, which carries the other fingers of the hand"
+            raise ConfigError(f"{where}: arms.{name}", "mounted_on", arm.mounted_on or "nothing", allowed)
     tracked = [f"bodies/{name}/pose" for name in scene.bodies]
     if scene.mode == "lockstep" and hand.tracked not in ("", *tracked):  # each tick waits for it
         allowed = f"in lockstep a body of the scene: {', '.join(tracked) or 'it has none'}"

@@ -21,7 +21,7 @@ def _with_robot_file(scene: Scene, folder: Path) -> Scene:
     file = folder / "robots" / f"{scene.prefix.rstrip('/') or scene.name}.yaml"
     file.parent.mkdir(exist_ok=True)
     save_robot(scene.loaded_robot, file)
-    changed = scene.with_keys(robot=str(file), **dict.fromkeys(scene.place))
+    changed = scene.with_keys(robot=str(file), base_position=None, base_quaternion=None)
     if not scene.twin.plant:
         return changed
     plant = file.with_stem(f"{file.stem}_plant")

@@ -163,6 +163,10 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys, BaseKeys):
         values = self.model_dump(mode="json", exclude={"arms"})
         if self.arms:
             own = {name: (arm.to_dict(), arm.is_shared) for name, arm in self.arms.items()}
+            for name, carrier in self.mounts.items():  # derived, unless the arm states another one
+                arm = self.arms[carrier]
+                if own[name][0]["frames"]["world"] == arm.frames.within(arm.name).tip:
+                    own[name][0]["frames"].pop("world")
             values["arms"] = {
                 name: {
                     key: value
@@ -179,11 +183,9 @@ class Scene(LimitKeys, SeedKeys, ClockKeys, RobotKeys, FrameKeys, BaseKeys):
     def loaded_robot(self) -> Robot:
         """The robot that the scene names, at its place; its file is read once."""
         robot = load_robot(self.robot)
-        return (
-            robot.replace(**self.place)
-            if self.base_position or self.base_quaternion or self.gravity
-            else robot
-        )
+        if self.base_position or self.base_quaternion or "loaded_carrier" in vars(self):
+            return robot.replace(**self.place)
+        return robot
 
     @cached_property
     def loaded_platform(self) -> PlatformBase | None:

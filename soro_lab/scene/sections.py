@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+import numpy as np
 from pydantic import Field
 
 from soro_core.config import Strict, with_changes
 from soro_core.estimation.config import EstimatorConfig
+from soro_core.robot import Robot
 from soro_core.robot.vectors import Quaternion, Vector3
+from soro_core.rotation import matrix_from_quaternion
 from soro_core.twin.config import TwinSection
 
 # Keys of the whole run, which no arm has of its own.
@@ -42,17 +45,18 @@ class BaseKeys(Strict):
     base_quaternion: Quaternion | None = Field(
         None, description="of the base in the world, x, y, z, w; default: that of the robot file"
     )
-    gravity: Vector3 | None = Field(
-        None,
-        description="in the world [m/s^2]; default: that of the robot file, of a carried arm that at the "
-        "tip of its straight carrier",
-    )
 
     @property
     def place(self) -> dict[str, tuple[float, ...]]:
-        """Keys of the robot that are stated here."""
-        stated = {key: getattr(self, key) for key in ("base_position", "base_quaternion", "gravity")}
-        return {key: value for key, value in stated.items() if value is not None}
+        """Keys of the robot that the scene states: its base, and gravity at the tip of a straight carrier."""
+        stated = {"base_position": self.base_position, "base_quaternion": self.base_quaternion}
+        place = {key: value for key, value in stated.items() if value is not None}
+        # `load_scene` has put it there, which knows all arms.
+        carrier: Robot | None = vars(self).get("loaded_carrier")
+        if carrier is None:
+            return place
+        turn = matrix_from_quaternion(np.array(carrier.base_quaternion))
+        return place | {"gravity": tuple((turn.T @ carrier.gravity).tolist())}
 
 
 class RecorderSection(Strict):

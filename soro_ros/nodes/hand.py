@@ -5,6 +5,7 @@ from __future__ import annotations
 from functools import partial
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import JointState
@@ -184,23 +185,31 @@ class HandNode(SoroNode[HandNodeConfig]):
         place = self._object(stamp_ns)
         if self._carrier is None:
             return Felt(pressures, shapes, None if place is None else float(place[2]))
-        bent = self._seen.get(self._palm)
-        if not isinstance(bent, JointState) or tuple(bent.name) != self._carrier.robot.coordinate_names:
-            return None
-        if not messages.is_possible(bent.position):
-            return None
-        palm = self._carrier.pose(np.array(bent.position), self._carrier.length)
+        palm = self._palm_pose(self._carrier, stamp_ns)
+        if palm is None:
+            return Felt(pressures, shapes)
         turn, up = palm[:3, :3], self._hand.squeeze.fingers[0].up
         height = None if place is None else float(up @ turn.T @ (place - palm[:3, 3]))
         return Felt(pressures, shapes, height, turn.T @ self._carrier.robot.gravity)
+
+    def _palm_pose(self, carrier: SoftArm, stamp_ns: int) -> Array | None:
+        """Pose of the tip that carries the hand (4, 4); None where nothing estimates it of late."""
+        seen = self._seen.get(self._palm)
+        if not isinstance(seen, JointState) or tuple(seen.name) != carrier.robot.coordinate_names:
+            return None
+        if not messages.is_possible(seen.position) or not self._is_new(seen.header.stamp, stamp_ns):
+            return None
+        return carrier.pose(np.array(seen.position), carrier.length)
+
+    def _is_new(self, stamp: Time, now_ns: int) -> bool:
+        return 1e-9 * abs(now_ns - messages.to_ns(stamp)) < self._config.state_age_s
 
     def _object(self, stamp_ns: int) -> Array | None:
         """Place of the object in the world (3,) [m]; None where nothing tracks it of late."""
         seen = self._seen.get(self._config.tracked)
         if not isinstance(seen, PoseStamped) or not messages.is_pose(seen.pose):
             return None
-        age_s = 1e-9 * (stamp_ns - messages.to_ns(seen.header.stamp))
-        return messages.pose_arrays(seen.pose)[0] if abs(age_s) < self._config.state_age_s else None
+        return messages.pose_arrays(seen.pose)[0] if self._is_new(seen.header.stamp, stamp_ns) else None
 
     # One tick --------------------------------------------------------------------------------------
     def _tick(self, stamp_ns: int, dt: float) -> None:

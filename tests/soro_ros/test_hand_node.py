@@ -109,8 +109,11 @@ def test_a_hand_on_an_arm_sees_its_object_from_the_palm(domain):
         np.testing.assert_allclose(straight.gravity, [0.0, 0.0, 9.81], atol=1e-9)
         np.testing.assert_allclose(tilted.gravity, palm[:3, :3].T @ [0.0, 0.0, -9.81], atol=1e-9)
         assert abs(tilted.gravity[:2]).max() > 1.0
+        old_s = 1.1 * node._config.state_age_s
+        assert node._felt_now(now_ns + round(1e9 * old_s)).gravity is None
         receive(node, "upper/arm/state", JointState(header=state.header))  # no estimate of the arm
-        assert node._felt_now(now_ns) is None
+        felt = node._felt_now(now_ns)
+        assert (felt.height_m, felt.gravity) == (None, None)
 
 
 def test_an_open_hand_says_so_whenever_it_is_asked_to_open(hand):

@@ -71,7 +71,7 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
     place, control = f"/{scene.name}/bodies", f"/{scene.each[0].name}/arm/desired/tip"
     kinds: dict[str, Any] = {control: PoseStamped, f"{place}/contacts": JointState}
     carriers = list(dict.fromkeys(scene.mounts.values()))
-    palm = f"/{scene.name}/{carriers[0]}/truth/tip" if len(carriers) == 1 else ""
+    palm = f"/{scene.name}/{carriers[0]}/truth/tip" if scene.hand is not None and carriers else ""
     kinds |= {palm: PoseStamped} if palm else {}
     for name in wanted:
         kinds |= {f"{place}/{name}/pose": PoseStamped, f"{place}/{name}/wrench": WrenchStamped}
@@ -96,6 +96,7 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
         touched_ns = [stamp for stamp, of in own if any(arms & set(pair.split("/")) for pair in of)]
         since_s = 1e-9 * (own[-1][0] - touched_ns[-1]) if touched_ns else 0.0
         poses, pushes = between(f"{place}/{name}/pose", last_ns), between(f"{place}/{name}/wrench", last_ns)
+        seen = [(s, messages.transform(one.pose)) for s, one in poses if not palm or s in palms]
         carried = np.array([force.force_of(one)[2] for _, one in pushes])
         weight_n = math.nan if body.mass is None or body.hinge is not None else body.mass * GRAVITY
         found[name] = BodyFigures(
@@ -104,10 +105,8 @@ def figures_of_bodies(bag: Path, scene: Scene) -> dict[str, BodyFigures]:
             creep_m_s=math.nan
             if body.attached
             else _speed(
-                np.array([1e-9 * (stamp - last_ns) for stamp, _ in poses]),
-                np.array(
-                    [_seen_from(palms.get(stamp), messages.transform(one.pose)) for stamp, one in poses]
-                ),
+                np.array([1e-9 * (stamp - last_ns) for stamp, _ in seen]),
+                np.array([_seen_from(palms.get(stamp), pose) for stamp, pose in seen]),
             ),
             weight_balance=float(carried.mean()) / weight_n - 1.0 if carried.size else math.nan,
             largest_normal_n=max((sum(of.values()) for _, of in own), default=math.nan),

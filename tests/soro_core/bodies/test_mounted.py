@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from soro_core import SoftArm, load_robot
+from soro_core import BaseState, SoftArm, load_robot
 from soro_core.bodies import (
     Attachment,
     BallShape,
@@ -15,6 +15,7 @@ from soro_core.bodies import (
     simulate_world,
 )
 from soro_core.errors import ConfigError, ModelError
+from soro_core.rotation import quaternion_from_matrix
 
 UPSIDE_DOWN, UPRIGHT = [1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0]
 
@@ -136,8 +137,6 @@ def test_a_stepper_goes_as_the_whole_run_does():
 
 
 def test_a_host_that_is_shaken_takes_what_it_carries_along():
-    from soro_core import BaseState
-
     robots, mounts = two_fingers()
     world = BodyWorld({}, {name: SoftArm(robot) for name, robot in robots.items()}, mounts=mounts)
 
@@ -189,3 +188,57 @@ def test_who_cannot_carry_is_refused_in_one_line(mounts, text):
     with pytest.raises(ConfigError, match=text) as error:
         BodyWorld({}, arms, mounts=mounts)
     assert "\n" not in str(error.value)
+
+
+def test_what_a_carried_arm_cannot_have_is_refused():
+    robots, mounts = two_fingers()
+    arms = {name: SoftArm(robot) for name, robot in robots.items()}
+    wall = load_robot("config/robots/three_bellow_at_a_wall.yaml")
+    with pytest.raises(ModelError, match="arms: left: contacts or tip_constraint of an arm that another one"):
+        BodyWorld({}, arms | {"left": SoftArm(wall)}, mounts=mounts)
+    frame = BodyWorld({}, arms, mounts=mounts).frame_of("left", {})
+    tip = (frame @ arms["left"].pose(np.zeros(3), arms["left"].length))[:3, 3]
+    held = RigidBody(
+        shape=BallShape(radius=0.004), mass=0.005, position=tip.tolist(), attached=Attachment(arm="left")
+    )
+    world = BodyWorld({"ball": held}, arms, mounts=mounts)
+    with pytest.raises(ModelError, match="motions: upper is displaced at 0 s, which would tear a joint"):
+        simulate_world(world, motions={"upper": lambda t: BaseState(displacement=[0.05, 0.0, 0.0])})
+
+
+def test_the_base_of_one_arm_may_move_while_another_rests():
+    first, _ = link()
+    arms = {"one": SoftArm(first), "two": SoftArm(first.replace(base_position=[0.2, 0.0, 0.0]))}
+    world = BodyWorld({}, arms, {"two": [0.0, 3.0, 0.0]})
+    still = simulate_world(world, t_end=0.2)
+    shaken = simulate_world(
+        world, t_end=0.2, motions={"one": lambda t: BaseState(acceleration=[5.0, 0.0, 0.0])}
+    )
+    np.testing.assert_allclose(shaken.q["two"], still.q["two"], atol=1e-9)
+    assert np.abs(shaken.q["one"] - still.q["one"]).max() > 0.5
+
+
+def test_fingers_on_a_stiff_arm_press_each_other_as_those_on_a_wall_do():
+    first, second = link()
+    stiff = [one.model_copy(update={"k_e": (1e7, 0.0, 0.0), "k_b": (1e4, 0.0, 0.0)}) for one in first.links]
+    host = SoftArm(first.replace(links=stiff))
+    fingers = {
+        "left": second.replace(base_position=[0.025, 0.0, 0.0], base_quaternion=tilted(-8.0)),
+        "right": second.replace(base_position=[-0.025, 0.0, 0.0], base_quaternion=tilted(8.0)),
+    }
+    arms = {name: SoftArm(robot) for name, robot in fingers.items()}
+    on_arm = BodyWorld({}, {"host": host} | arms, mounts=dict.fromkeys(arms, "host"))
+    at_wall = {}
+    for name, arm in arms.items():
+        base = on_arm.frame_of(name, {}) @ arm.pose(np.zeros(3), 0.0)
+        place = {"base_position": base[:3, 3].tolist()}
+        place["base_quaternion"] = quaternion_from_matrix(base[:3, :3]).tolist()
+        at_wall[name] = SoftArm(fingers[name].replace(**place))
+    press = {"left": [60e3, 0.0, 0.0], "right": [0.0, 40e3, 40e3]}
+    one, other = (
+        simulate_world(world, t_end=0.6, pressures=press) for world in (BodyWorld({}, at_wall), on_arm)
+    )
+    assert one.normal_force("left")[-1] > 0.02
+    for name in arms:
+        np.testing.assert_allclose(other.q[name][-1], one.q[name][-1], atol=2e-2)
+    np.testing.assert_allclose(other.normal_force("left")[-1], one.normal_force("left")[-1], rtol=1e-2)

@@ -126,6 +126,21 @@ def test_the_twin_of_a_carried_arm_sees_all_from_the_tip_that_carries_it():
     assert there[0, 3] == pytest.approx(0.025 - 0.013, abs=1e-3)  # its skin lies on the wall
 
 
+def test_the_carrier_of_an_arm_that_holds_a_body_begins_straight_too():
+    level = load_robot("tue_three_bellow").replace(base_quaternion=[0.0, 0.70710678, 0.0, 0.70710678])
+    seen = level.replace(base_quaternion=[0.0, 0.0, 0.0, 1.0], gravity=[-9.81, 0.0, 0.0])
+    twins = {"upper": Twin(level, CONFIG), "lower": Twin(seen, CONFIG), "other": Twin(level, CONFIG)}
+    ball = RigidBody(
+        shape=BallShape(radius=0.004),
+        mass=0.005,
+        position=[0.128, 0.0, 0.0],
+        attached=Attachment(arm="lower"),
+    )
+    states = [twin.initial() for twin in twins.values()]
+    begins = TwinBodies({"ball": ball}, twins, states, {"lower": "upper"}).begins
+    assert [bool(np.any(state.arm.q)) for state in begins] == [False, False, True]
+
+
 def test_a_drive_that_would_ring_is_refused():
     twin, hand = driven_hand(stiffness=1e3)
     with pytest.raises(ModelError, match="body hand: its drive is too stiff for ticks of 5 ms"):

@@ -117,6 +117,7 @@ def test_valves_in_another_order_than_the_chambers_feed_the_right_ones(platform_
     assert scene.twin_node("a", "b").plant_chambers == (2, 1, 0)
 
 
+STILL = {"adapt": False, "gains": {"k_p": [0.0] * 3, "k_d": [0.0] * 3}, "reference": {"kind": "hold"}}
 CARRIED = {
     "mode": "lockstep",
     "robot": "tue_three_bellow",
@@ -143,7 +144,13 @@ def test_what_a_carried_arm_calls_the_world_is_the_tip_of_its_carrier(scene_of, 
     assert load_scene(used).each[1].loaded_robot == lower.loaded_robot
     files = with_robot_files(scene, tmp_path).each  # what the nodes read
     assert load_robot(files[1].robot).gravity == lower.loaded_robot.gravity
-    assert scene_of(CARRIED, {"arms.lower.gravity": [1.0, 0.0, 0.0]}).each[1].loaded_robot.gravity[0] == 1.0
+    # What the scene says of its world is not that of a carried arm, what this says itself is.
+    assert scene_of(CARRIED | {"frames": {"world": "lab"}}).each[1].frames.world == "hand/upper/tip"
+    assert load_scene(used, {"name": "other"}).each[1].frames.world == "other/upper/tip"
+    own = scene_of(CARRIED, {"arms.lower.frames": {"world": "palm"}})
+    assert own.each[1].frames.world == "palm"
+    used.write_text(yaml.safe_dump(own.to_dict()))
+    assert load_scene(used).each == own.each
 
 
 def test_a_real_arm_may_carry_a_real_one(scene_of):
@@ -184,6 +191,16 @@ WRONG = {
     "a carrier that is carried": (
         arms(left={"mounted_on": "right"}, right={"mounted_on": "left"}),
         "arms.left.mounted_on: got 'right'; allowed: an arm on a base of its own, before it: there is none",
+    ),
+    "a carrier of one arm": ({"mounted_on": "left"}, "mounted_on: got 'left'; allowed: an arm of a scene of"),
+    "a finger elsewhere": (
+        {"hand": {}, "controller": STILL, "arms": CARRIED["arms"] | {"a": {"mounted_on": "upper"}, "b": {}}},
+        "arms.b: mounted_on: got 'nothing'; allowed: upper, which carries the other fingers of the hand",
+    ),
+    "contacts of a carried arm": (
+        CARRIED
+        | {"arms": CARRIED["arms"] | {"lower": {"mounted_on": "upper", "robot": "three_bellow_at_a_wall"}}},
+        "arms.lower: robot: got 'contacts or tip_constraint'; allowed: none of them in the file of an arm",
     ),
     "an arm on itself": (arms(right={"mounted_on": "right"}), "arms.right.mounted_on: got 'right'"),
     "limits of one": (

@@ -129,7 +129,8 @@ def test_the_twin_of_a_carried_arm_sees_all_from_the_tip_that_carries_it():
 def test_the_carrier_of_an_arm_that_holds_a_body_begins_straight_too():
     level = load_robot("tue_three_bellow").replace(base_quaternion=[0.0, 0.70710678, 0.0, 0.70710678])
     seen = level.replace(base_quaternion=[0.0, 0.0, 0.0, 1.0], gravity=[-9.81, 0.0, 0.0])
-    twins = {"upper": Twin(level, CONFIG), "lower": Twin(seen, CONFIG), "other": Twin(level, CONFIG)}
+    twins = {"upper": Twin(level, CONFIG), "lower": Twin(seen, CONFIG)}
+    twins["other"] = Twin(level.replace(base_position=[0.0, 0.2, 0.0]), CONFIG)
     ball = RigidBody(
         shape=BallShape(radius=0.004),
         mass=0.005,

@@ -99,7 +99,9 @@ def draw(scene: Scene, run_folder: Path) -> None:
     file, bag = PICTURES / f"{scene.name}.png", run_folder / "bag"
     bodies = list(tracks_of(bag, scene, f"/{scene.each[0].name}/arm/desired/tip").values())
     shown, *others = (
-        film.take(bag, arm, 0.0, scene.duration_s, 10.0, bodies, scene.carried_by(arm))
+        film.with_carried(
+            film.take(bag, arm, 0.0, scene.duration_s, 10.0, bodies), bag, scene.carried_by(arm), 10.0
+        )
         for arm in scene.each
         if not arm.mounted_on
     )

@@ -62,10 +62,9 @@ def write_film(
     start_s, end_s = span_s
     # A carried arm is seen from the tip of its carrier, bodies from the world.
     of_world = [] if scene.mounted_on else tracks_of(bag, whole, f"/{scene.name}/arm/desired/tip").values()
-    carried = whole.carried_by(scene)
-    shown = film.take(
-        bag, scene, start_s, math.inf if end_s is None else end_s, rate_hz, list(of_world), carried
-    )
+    end_s = math.inf if end_s is None else end_s
+    alone = film.take(bag, scene, start_s, end_s, rate_hz, list(of_world))
+    shown = film.with_carried(alone, bag, whole.carried_by(scene), rate_hz)
     write = film.still if file.suffix == ".png" else film.write
     write(shown, file, width)
     typer.echo(f"{file}: {file.stat().st_size / 1e6:.2f} MB")

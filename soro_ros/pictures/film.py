@@ -81,7 +81,6 @@ def take(
     end_s: float,
     rate_hz: float,
     bodies: Sequence[BodyTrack] = (),
-    carried: Sequence[Scene] = (),
 ) -> Take:
     """Read a run and compute the shape of its arm at each picture.
 
@@ -98,8 +97,6 @@ def take(
         Pictures a second.
     bodies : sequence of BodyTrack
         What the arms of the scene touch.
-    carried : sequence of Scene
-        Arms at its tip, which are drawn with it.
 
     Raises
     ------
@@ -127,10 +124,23 @@ def take(
     if recording.wanted_tip.t.size:  # what the law says behind a trip reaches no valve
         command[~in_control(recording, t, scene.duration_s)] = np.nan
     most = max(pressure_bounds(scene)[1], float(np.nanmax(pressure, initial=0.0)))
-    own = Take(scene, robot, recording, t, s, poses, pressure, command, most, bodies)
-    others = [take(bag, one, begin_s, float(t[-1]), rate_hz) for one in carried]
-    n = min(len(one.t) for one in (own, *others))
-    return own.until(n, [one.on_tip(own, n) for one in others])
+    return Take(scene, robot, recording, t, s, poses, pressure, command, most, bodies)
+
+
+def with_carried(shown: Take, bag: Path, carried: Sequence[Scene], rate_hz: float) -> Take:
+    """Return a take with the arms at the tip of its own.
+
+    Parameters
+    ----------
+    shown : Take
+    bag, rate_hz : Path, float
+        As of `take`.
+    carried : sequence of Scene
+        Those arms.
+    """
+    others = [take(bag, one, float(shown.t[0]), float(shown.t[-1]), rate_hz) for one in carried]
+    n = min(len(one.t) for one in (shown, *others))
+    return shown.until(n, [one.on_tip(shown, n) for one in others])
 
 
 class AnimatedFigure:

@@ -87,7 +87,8 @@ def test_two_arms_in_a_chain_move_as_the_library_has_them_and_are_replayed(domai
     again = replay(bag, scene)
     assert again.same, [topic for topic in again.topics if topic.differing]
     # The film of the carrier shows what it carries, from its tip on.
-    shown = film.take(bag, scene.arms["upper"], 0.0, 4.0, 5.0, (), scene.carried_by(scene.arms["upper"]))
+    upper = scene.arms["upper"]
+    shown = film.with_carried(film.take(bag, upper, 0.0, 4.0, 5.0), bag, scene.carried_by(upper), 5.0)
     (carried,) = shown.carried
     np.testing.assert_allclose(carried.poses[:, 0], shown.poses[:, -1], atol=1e-12)
     assert len(shown.faces(3).corners) > 0

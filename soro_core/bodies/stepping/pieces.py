@@ -9,8 +9,13 @@ from __future__ import annotations
 import math
 
 from soro_core._jit import inner
-from soro_core.bodies.stepping.contacts import arm_side, body_side, keep_contact, open_contact
-from soro_core.bodies.stepping.joints import is_joined
+from soro_core.bodies.stepping.contacts import (
+    arm_side,
+    body_side,
+    is_joined,
+    keep_contact,
+    open_contact,
+)
 from soro_core.bodies.stepping.near import distance, nearest_part, nearest_parts
 from soro_core.bodies.stepping.pairs import FEATURES
 from soro_core.bodies.stepping.records import HERE, MOST_CONTACTS, OUT, ArmTables, WorldTables

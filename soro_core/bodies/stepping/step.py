@@ -8,8 +8,8 @@ from soro_core._box import Box, view
 from soro_core._jit import inner, kernel
 from soro_core.arrays import Array, Integers
 from soro_core.bodies.stepping.arms import arm_speed, locate_arms, solve_movers
+from soro_core.bodies.stepping.contacts import find_joints
 from soro_core.bodies.stepping.impulses import meet, recall_impulses, store_impulses
-from soro_core.bodies.stepping.joints import find_joints
 from soro_core.bodies.stepping.moving import body_answers, free_bodies, move_bodies, start_bodies
 from soro_core.bodies.stepping.pairs import find_body_contacts
 from soro_core.bodies.stepping.pieces import find_arm_contacts

@@ -258,7 +258,7 @@ def check_mounts(mounts: Mapping[str, str], arms: Sequence[str], where: str) -> 
     Parameters
     ----------
     mounts : mapping of str to str
-        Names of carried arms, and of their hosts.
+        Names of carried arms, and of their carriers.
     arms : sequence of str
         Names of all arms, in their order.
     where : str
@@ -268,10 +268,10 @@ def check_mounts(mounts: Mapping[str, str], arms: Sequence[str], where: str) -> 
     ------
     ConfigError
     """
-    for name, host in mounts.items():
+    for name, carrier in mounts.items():
         if name not in arms:
             raise ConfigError(where, "mounts", name, ", ".join(arms) or "none, as there is no arm")
         before = [one for one in arms[: list(arms).index(name)] if one not in mounts]
-        if host not in before:
-            allowed = f"an arm on a base of its own, before it: {', '.join(before) or 'there is none'}"
-            raise ConfigError(where, f"arms.{name}.mounted_on", host, allowed)
+        if carrier not in before:
+            allowed = f"an arm that no other one carries, before it: {', '.join(before) or 'there is none'}"
+            raise ConfigError(where, f"arms.{name}.mounted_on", carrier, allowed)

@@ -17,7 +17,7 @@ from soro_core.robot import BaseState
 def tip_frame(
     mounts: Mapping[str, str], arms: Mapping[str, SoftArm], name: str, q: Mapping[str, ArrayLike]
 ) -> Array:
-    """Return what a robot file calls the world (4, 4), in the world: for a carried arm the tip of its host.
+    """Return what a robot file calls the world (4, 4), in the world: of a carried arm its carrier's tip.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ def tip_frame(
     """
     if name not in mounts:
         return np.eye(4)
-    host = arms[mounts[name]]
-    return host.pose(q.get(mounts[name], np.zeros(host.n_q)), host.length)
+    carrier = arms[mounts[name]]
+    return carrier.pose(q.get(mounts[name], np.zeros(carrier.n_q)), carrier.length)
 
 
 def carried_base(
@@ -51,9 +51,9 @@ def carried_base(
     """
     if name not in mounts:
         return BaseState()
-    host, own = mounts[name], np.array(arms[name].tables.base_position)
-    pose, jacobian = arms[host].pose_and_jacobian(q[host], arms[host].length)
-    spin, speed = (pose[:3, :3] @ part for part in np.split(jacobian @ qd[host], 2))
+    carrier, own = mounts[name], np.array(arms[name].tables.base_position)
+    pose, jacobian = arms[carrier].pose_and_jacobian(q[carrier], arms[carrier].length)
+    spin, speed = (pose[:3, :3] @ part for part in np.split(jacobian @ qd[carrier], 2))
     away = pose[:3, :3] @ own
     return BaseState(
         displacement=pose[:3, 3] + away - own,
@@ -64,7 +64,7 @@ def carried_base(
 
 
 def under_gravity(mounts: Mapping[str, str], arms: Mapping[str, SoftArm]) -> tuple[SoftArm, ...]:
-    """Return the arms, carried ones with the gravity of their host: their files see it from its tip."""
+    """Return the arms, carried ones with the gravity of their carrier: their files see it from its tip."""
     return tuple(
         SoftArm(arm.robot.replace(gravity=arms[mounts[name]].robot.gravity), nodes=arm.nodes)
         if name in mounts
@@ -84,7 +84,7 @@ def arm_energy(
     q: Mapping[str, Array],
     qd: Mapping[str, Array],
 ) -> Array:
-    """Return kinetic, gravitational and elastic energy of an arm in all, with its host's motion, (n_t,) [J].
+    """Return kinetic, gravitational and elastic energy of an arm with its carrier's motion, (n_t,) [J].
 
     Parameters
     ----------
@@ -94,13 +94,12 @@ def arm_energy(
         Coordinates and velocities of the arms.
     """
     arm = dict(zip(arms, under_gravity(mounts, arms), strict=True))[name]
-    found = np.array([sum(arm.energy(one, rate)) for one, rate in zip(q[name], qd[name], strict=True)])
-    for k in range(len(found) if name in mounts else 0):
+    parts = np.array([arm.energy(one, rate) for one, rate in zip(q[name], qd[name], strict=True)])
+    for k in range(len(parts) if name in mounts else 0):
         states = [{one: rows[k] for one, rows in given.items()} for given in (q, qd)]
         base = carried_base(mounts, arms, name, *states)
-        moved = energy_on_base(_standing(base), arm, 0.0, q[name][k], qd[name][k])
-        found[k] += sum(moved) - sum(arm.energy(q[name][k], qd[name][k])[:2])
-    return found
+        parts[k, :2] = energy_on_base(_standing(base), arm, 0.0, q[name][k], qd[name][k])
+    return np.asarray(parts.sum(axis=1))
 
 
 def movers_of(
@@ -123,12 +122,12 @@ def movers_of(
 
 
 def mount_tables(mounts: Mapping[str, str], arms: Mapping[str, SoftArm], width: int) -> MountTables:
-    """Return the tables of carried arms and their hosts."""
+    """Return the tables of carried arms and their carriers."""
     names, n = list(arms), len(arms)
-    hosts = [names.index(mounts[name]) if name in mounts else -1 for name in names]
+    carriers = [names.index(mounts[name]) if name in mounts else -1 for name in names]
     return MountTables(
-        host=np.array(hosts, dtype=np.int64),
-        is_host=np.array([i in hosts for i in range(n)], dtype=np.bool_),
+        carrier=np.array(carriers, dtype=np.int64),
+        is_carrier=np.array([i in carriers for i in range(n)], dtype=np.bool_),
         offset_rotation=np.array([arm.tables.base_rotation for arm in arms.values()]).reshape(-1, 3, 3),
         offset_place=np.array([arm.tables.base_position for arm in arms.values()]).reshape(-1, 3),
         carried_rotation=np.zeros((n, 3, 3)),

@@ -209,7 +209,7 @@ class WorldBoxes:
 def bases_of(world: BodyWorld, motions: Mapping[str, Base] | None = None) -> dict[str, Base]:
     """Return the motion of each base of a world in which one moves or an arm carries another, else none.
 
-    Of a carried arm it does not count: its host has it.
+    Of a carried arm it does not count: its carrier has it.
     """
     if not (motions or world.mounts):
         return {}

@@ -131,7 +131,6 @@ class TwinNode(SoroNode[TwinConfig]):
         arms = [arm for arm in self._world.arms if isinstance(arm, TwinNode)]
         if not all(arm._mates for arm in arms):
             return
-        from soro_core.bodies.body import check_mounts
         from soro_core.bodies.files import load_bodies
         from soro_core.twin.bodies import TwinBodies
 
@@ -139,9 +138,7 @@ class TwinNode(SoroNode[TwinConfig]):
         names = [arm.get_namespace().rpartition("/")[2] if several else "arm" for arm in arms]
         twins = {name: arm._twin for name, arm in zip(names, arms, strict=True)}
         bodies = load_bodies(config.bodies_file)
-        carriers = {name: twin.config.mounted_on for name, twin in twins.items()}
-        mounts = {name: carrier for name, carrier in carriers.items() if carrier}
-        check_mounts(mounts, names, "parameters of twin")
+        mounts = {name: carrier for name, twin in twins.items() if (carrier := twin.config.mounted_on)}
 
         def build() -> None:
             self._world.bodies = world = TwinBodies(bodies, twins, [arm.state for arm in arms], mounts)

@@ -15,10 +15,10 @@ from soro_core._jit import inner
 from soro_core.arrays import Array
 from soro_core.bodies.stepping.impulses import set_blocks, solve_impulses
 from soro_core.bodies.stepping.mounts import (
-    close_hosts,
+    close_carriers,
     locate_mount,
     note_tip,
-    ride_on_host,
+    ride_on_carrier,
     solve_mover,
     weigh_mount,
 )
@@ -181,7 +181,7 @@ def _linearise(arms: ArmTables, i: int, run: Stepping, w: WorldTables, h: float,
     if code != GOOD:
         return code
     advance_internal(t, work.z_start, (w.movers.start[m, first : first + n], v), c_v, z, work.tangent)
-    ride_on_host(t.base, arms, i, work.stage_pressure)
+    ride_on_carrier(t.base, arms, i, work.stage_pressure)
     row = arms.residual[m, first : first + n]
     if anew != KEPT:
         equation = StageEquation(c_q, c_v, c_v, ARM_TOLERANCE, 1)
@@ -237,7 +237,7 @@ def _solve(
             if code != GOOD:
                 return code
         if anew != KEPT:
-            if not close_hosts(like.tables.base, arms, like):
+            if not close_carriers(like.tables.base, arms, like):
                 return SINGULAR
             _answer_contacts(like, arms, w)
             set_blocks(k, w.movers.stiffness, h)

@@ -96,7 +96,7 @@ def arm_side(w: WorldTables, arms: ArmTables, c: int, side: int, i: int, s: int)
     Where both sides move one mover (an arm that touches itself, or fingers of a hand), the second is added to
     the first.
     """
-    k, m, host = w.contacts, arms.mover[i], arms.mounts.host[i]
+    k, m, carrier = w.contacts, arms.mover[i], arms.mounts.carrier[i]
     k.side[c, side] = -1 - s
     at, is_added = side, False
     if side == 1 and k.mover[c, 0] == m:
@@ -106,7 +106,7 @@ def arm_side(w: WorldTables, arms: ArmTables, c: int, side: int, i: int, s: int)
     sign = 1.0 if side == 0 else -1.0
     part, x, frame, G = k.part[c, side], k.point[c], k.frame[c], k.G[c, at]
     v, turns, arm = w.points[ALONG], w.points[TOWARDS], w.points[HERE]
-    rides = i if host < 0 else host
+    rides = i if carrier < 0 else carrier
     subtract(x, arms.base_place[rides], arm)
     base = arms.base_twist[rides]
     cross(base, arm, v)
@@ -128,16 +128,16 @@ def arm_side(w: WorldTables, arms: ArmTables, c: int, side: int, i: int, s: int)
             v[r] += bow * arm[r]
         for r in range(3):
             G[r, arms.column[i] + b] += sign * dot(frame[r], v)
-    if host < 0:
+    if carrier < 0:
         return
-    # With the tip of its host the whole arm moves.
-    tip = arms.first_site[host + 1] - 1
-    for b in range(arms.first_q[host + 1] - arms.first_q[host]):
+    # With the tip of its carrier the whole arm moves.
+    tip = arms.first_site[carrier + 1] - 1
+    for b in range(arms.first_q[carrier + 1] - arms.first_q[carrier]):
         for r in range(3):
             v[r] = turns[r] = 0.0
         _add_point(w, (arms.R[tip], arms.p[tip]), arms.columns[tip, b], (1.0, 0.0), x)
         for r in range(3):
-            G[r, arms.column[host] + b] += sign * dot(frame[r], v)
+            G[r, arms.column[carrier] + b] += sign * dot(frame[r], v)
 
 
 @inner
@@ -194,9 +194,9 @@ def find_joints(arms: ArmTables, w: WorldTables) -> bool:
 
 @inner
 def is_joined(arms: ArmTables, i: int, b: int) -> bool:
-    """Whether body b is held on arm i or its host: they do not touch besides."""
+    """Whether body b is held on arm i or its carrier: they do not touch besides."""
     found = False
     for j in range(arms.joint_body.shape[0]):
-        holds = arms.joint_arm[j] == i or arms.joint_arm[j] == arms.mounts.host[i]
+        holds = arms.joint_arm[j] == i or arms.joint_arm[j] == arms.mounts.carrier[i]
         found = found or (holds and arms.joint_body[j] == b)
     return found

@@ -1,14 +1,15 @@
-"""Arms at the tip of another arm: one mover, with the coordinates of the host and of all that it carries.
+"""Arms at the tip of another arm: one mover, with the coordinates of the carrier and of all that it carries.
 
-The base of a carried arm k rides on the tip of its host h. With the twist of the tip J_h v_h, seen from that
-base, its equation and the wrench that its base takes are
+The base of a carried arm k rides on the tip of its carrier h. With the twist of the tip J_h v_h, seen from
+that base, its equation and the wrench that its base takes are
 
     A_k x_k + B_k a_k = r_k        f_k = B_k' x_k + C_k a_k + b_k        a_k = J_h x_h + Jdot_h v_h
 
 and f_k acts back on the tip. Of x_k nothing is left in (C_k - B_k' A_k^-1 B_k) a_k + b_k + B_k' A_k^-1 r_k,
 which the tip carries like a rigid body [F08, chapter 7]; the factors of each arm by itself stay as they are,
-and the tip adds a change of rank 6 to those of the host. B and C are those of inertia alone: what they lack
-(gravity and gyroscopic forces of a base that turns within a step) Newton's iteration finds by the residual.
+and the tip adds a change of rank 6 to those of the carrier. B and C are those of inertia alone: what they
+lack (gravity and gyroscopic forces of a base that turns within a step) Newton's iteration finds by the
+residual.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ def _ride_nothing(e: BaseMotion, arms: ArmTables, i: int, inputs: Array) -> None
 
 @inner
 def _ride(e: BaseMotion, arms: ArmTables, i: int, inputs: Array) -> None:
-    m, h = arms.mounts, arms.mounts.host[i]
+    m, h = arms.mounts, arms.mounts.carrier[i]
     if h < 0:
         return
     n = inputs.shape[0] - WIDTH
@@ -58,8 +59,8 @@ def _ride(e: BaseMotion, arms: ArmTables, i: int, inputs: Array) -> None:
         to_body(m.offset_rotation[i], m.offset_place[i], x)
 
 
-ride_on_host = select_by_type(FixedBase, _ride_nothing, _ride)
-"""ride_on_host(t.base, arms, i, inputs): inputs of the base of arm i <- where its host carries it, if so."""
+ride_on_carrier = select_by_type(FixedBase, _ride_nothing, _ride)
+"""ride_on_carrier(t.base, arms, i, inputs): inputs of the base of arm i <- that on its carrier, if any."""
 
 
 @inner
@@ -69,7 +70,7 @@ def _locate_nothing(e: BaseMotion, arms: ArmTables, i: int, run: Stepping, v: Ar
 
 @inner
 def _locate(e: BaseMotion, arms: ArmTables, i: int, run: Stepping, v: Array) -> None:
-    m, h = arms.mounts, arms.mounts.host[i]
+    m, h = arms.mounts, arms.mounts.carrier[i]
     if h < 0:
         return
     s = arms.first_site[h + 1] - 1
@@ -77,7 +78,7 @@ def _locate(e: BaseMotion, arms: ArmTables, i: int, run: Stepping, v: Array) -> 
     assign(arms.p[s], m.tip_place[h])
     clear_matrix(m.tip_motion[h])
     inputs = run.work.stage_pressure
-    ride_on_host(e, arms, i, inputs)
+    ride_on_carrier(e, arms, i, inputs)
     move_base(e, run.tables, inputs)
     assign(m.carried_place[i], arms.base_place[i])
     # Velocity of the tip in the world, for the speed of this arm: of its base at the end of the span.
@@ -101,9 +102,9 @@ def _locate(e: BaseMotion, arms: ArmTables, i: int, run: Stepping, v: Array) -> 
 
 
 locate_mount = select_by_type(FixedBase, _locate_nothing, _locate)
-"""locate_mount(t.base, arms, i, run, v): base of arm i at the start of a step <- the tip of its host, if any.
+"""locate_mount(t.base, arms, i, run, v): base of arm i at the start of a step <- its carrier's tip, if any.
 
-Behind the sections of the host; v (n_q,) of all arms."""
+Behind the sections of the carrier; v (n_q,) of all arms."""
 
 
 @inner
@@ -115,7 +116,7 @@ def _note_nothing(e: BaseMotion, arms: ArmTables, i: int, t: Tables, w: Work) ->
 def _note(e: BaseMotion, arms: ArmTables, i: int, t: Tables, w: Work) -> None:
     m = arms.mounts
     assign(w.vectors[CLOSING_WRENCH], m.wrench[i])
-    if not m.is_host[i]:
+    if not m.is_carrier[i]:
         return
     R, p, J = m.tip_rotation[i], m.tip_place[i], m.columns[i]
     assign_matrix(t.base_rotation, R)
@@ -136,24 +137,24 @@ def _note(e: BaseMotion, arms: ArmTables, i: int, t: Tables, w: Work) -> None:
 
 
 note_tip = select_by_type(FixedBase, _note_nothing, _note)
-"""note_tip(t.base, arms, i, t, w): wrench at the base of arm i; of a host pose, columns, motion of its tip.
+"""note_tip(t.base, arms, i, t, w): wrench at the base of arm i; pose, columns, motion of a carrier's tip.
 
 Behind `inverse_dynamics` in w."""
 
 
 @inner
-def _weigh_nothing(e: BaseMotion, arms: ArmTables, i: int, run: Stepping, q: Array) -> bool:
-    return True
+def _weigh_nothing(e: BaseMotion, arms: ArmTables, i: int, run: Stepping, q: Array) -> None:
+    return
 
 
 @inner
-def _weigh(e: BaseMotion, arms: ArmTables, i: int, run: Stepping, q: Array) -> bool:
-    m, h = arms.mounts, arms.mounts.host[i]
+def _weigh(e: BaseMotion, arms: ArmTables, i: int, run: Stepping, q: Array) -> None:
+    m, h = arms.mounts, arms.mounts.carrier[i]
     t, w, n = run.tables, run.work.model, q.shape[0]
-    if m.is_host[i]:
+    if m.is_carrier[i]:
         clear_matrix(m.load[i])
     if h < 0:
-        return True
+        return
     B, Z, C = m.columns[i], m.answers[i], m.load[i]
     zero, tau = w.zero, w.bias
     clear(e.twist)
@@ -187,13 +188,12 @@ def _weigh(e: BaseMotion, arms: ArmTables, i: int, run: Stepping, q: Array) -> b
         wrench_to_parent(m.offset_rotation[i], m.offset_place[i], f)
         for r in range(6):
             m.load[h, r, c] += f[r]
-    return True
 
 
 weigh_mount = select_by_type(FixedBase, _weigh_nothing, _weigh)
-"""weigh_mount(t.base, arms, i, run, q): B, A^-1 B of a carried arm, and what it adds to the load of its host.
+"""weigh_mount(t.base, arms, i, run, q): B, A^-1 B of a carried arm, and its part of its carrier's load.
 
-Of a host the load is first cleared; its own factors are there. Overwrites the motion of the base,
+Of a carrier the load is first cleared; its own factors are there. Overwrites the motion of the base,
 run.work.model and run.work.residual."""
 
 
@@ -204,10 +204,10 @@ def _close_nothing(e: BaseMotion, arms: ArmTables, like: Stepping) -> bool:
 
 @inner
 def _close(e: BaseMotion, arms: ArmTables, like: Stepping) -> bool:
-    """Gain K = (I + C W)^-1 C of each host, with W = J A^-1 J' of its tip and the load C on it."""
+    """Gain K = (I + C W)^-1 C of each carrier, with W = J A^-1 J' of its tip and the load C on it."""
     m = arms.mounts
     for i in range(arms.address.shape[0]):
-        if not m.is_host[i]:
+        if not m.is_carrier[i]:
             continue
         run = view_at(like, arms.address[i])
         x, n = run.work.residual, arms.first_q[i + 1] - arms.first_q[i]
@@ -236,8 +236,8 @@ def _close(e: BaseMotion, arms: ArmTables, like: Stepping) -> bool:
     return True
 
 
-close_hosts = select_by_type(FixedBase, _close_nothing, _close)
-"""close_hosts(like.tables.base, arms, like): answers and gain of each host, behind all; False: singular."""
+close_carriers = select_by_type(FixedBase, _close_nothing, _close)
+"""close_carriers(like.tables.base, arms, like): answers and gain of each; False: singular."""
 
 
 @inner
@@ -250,12 +250,12 @@ def _solve_alone(e: BaseMotion, arms: ArmTables, like: Stepping, m: int, row: Ar
 @inner
 def _solve_tree(e: BaseMotion, arms: ArmTables, like: Stepping, m: int, row: Array, wrench: Array) -> None:
     t, h = arms.mounts, arms.first_arm[m]
-    host = view_at(like, arms.address[h])
+    carrier = view_at(like, arms.address[h])
     n_h = arms.first_q[h + 1] - arms.first_q[h]
     tip, own, gain = t.scratch[_TIP], t.scratch[_OWN], t.scratch[_GAIN]
     clear(tip)
     for i in range(arms.address.shape[0]):
-        if t.host[i] == h:
+        if t.carrier[i] == h:
             run = view_at(like, arms.address[i])
             first, n = arms.column[i], arms.first_q[i + 1] - arms.first_q[i]
             solve_system(run.tables, run.work.system, row[first : first + n])
@@ -266,11 +266,11 @@ def _solve_tree(e: BaseMotion, arms: ArmTables, like: Stepping, m: int, row: Arr
             wrench_to_parent(t.offset_rotation[i], t.offset_place[i], own)
             for r in range(6):
                 tip[r] += own[r]
-    if t.is_host[h]:
+    if t.is_carrier[h]:
         for b in range(n_h):
             row[b] -= dot6(t.columns[h, b], tip)
-    solve_system(host.tables, host.work.system, row[:n_h])
-    if not t.is_host[h]:
+    solve_system(carrier.tables, carrier.work.system, row[:n_h])
+    if not t.is_carrier[h]:
         return
     clear(tip)
     for b in range(n_h):
@@ -284,7 +284,7 @@ def _solve_tree(e: BaseMotion, arms: ArmTables, like: Stepping, m: int, row: Arr
         for r in range(6):
             tip[r] += t.columns[h, b, r] * row[b]
     for i in range(arms.address.shape[0]):
-        if t.host[i] == h:
+        if t.carrier[i] == h:
             assign(tip, own)
             to_body(t.offset_rotation[i], t.offset_place[i], own)
             first = arms.column[i]
@@ -295,4 +295,4 @@ def _solve_tree(e: BaseMotion, arms: ArmTables, like: Stepping, m: int, row: Arr
 solve_mover = select_by_type(FixedBase, _solve_alone, _solve_tree)
 """solve_mover(like.tables.base, arms, like, m, row, wrench): row <- A^-1 row of the arms of mover m.
 
-wrench (n_a, 6): on the bases of carried arms, beside what their rows give. Behind `close_hosts`."""
+wrench (n_a, 6): on the bases of carried arms, beside what their rows give. Behind `close_carriers`."""

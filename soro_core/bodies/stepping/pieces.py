@@ -45,7 +45,7 @@ def find_arm_contacts(arms: ArmTables, w: WorldTables, h: float, margin: float, 
                 if not is_joined(arms, i, b) and not _touch_body(arms, w, (i, s), b, h, margin):
                     return False
             for j in range(i + 1 if arms.touch_arms else 0):
-                if arms.mounts.host[i] == j:
+                if arms.mounts.carrier[i] == j:
                     continue
                 for t in range(arms.first_site[j], min(arms.first_site[j + 1] - 1, s)):
                     if not _touch_piece(arms, w, (i, s), (j, t), h, among_arms):

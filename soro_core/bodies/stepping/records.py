@@ -85,28 +85,28 @@ class NoArm(NamedTuple):
 class MountTables(NamedTuple):
     """Arms at the tips of others, see `mounts`; an arm on its own that carries none does not use its rows."""
 
-    host: Integers
+    carrier: Integers
     """Arm that carries each arm at its tip, or -1, (n_a,)."""
-    is_host: Flags
+    is_carrier: Flags
     offset_rotation: Array
-    """Base of a carried arm, seen from the tip of its host, (n_a, 3, 3)."""
+    """Base of a carried arm, seen from the tip of its carrier, (n_a, 3, 3)."""
     offset_place: Array
     carried_rotation: Array
     """The same in the world, (n_a, 3, 3)."""
     carried_place: Array
     tip_rotation: Array
-    """Tip of each host in the world, (n_a, 3, 3)."""
+    """Tip of each carrier in the world, (n_a, 3, 3)."""
     tip_place: Array
     tip_motion: Array
     """Its twist, and the rate of that, seen from itself, (n_a, 2, 6)."""
     wrench: Array
     """What the base of each arm takes, seen from itself, (n_a, 6)."""
     columns: Array
-    """J' of the tip of a host; B of a carried arm; (n_a, width, 6)."""
+    """J' of the tip of a carrier; B of a carried arm; (n_a, width, 6)."""
     answers: Array
     """A^-1 of these, (n_a, width, 6)."""
     load: Array
-    """On the tip of a host what it carries, like the inertia of a body; then its gain; (n_a, 6, 6)."""
+    """On the tip of a carrier what it carries, like the inertia of a body; then its gain; (n_a, 6, 6)."""
     scratch: Array
     """(3, 6)."""
     block: Array

@@ -1,4 +1,4 @@
-"""Arms at the tip of another arm: they and their host act on each other."""
+"""Arms at the tip of another arm: they and their carrier act on each other."""
 
 import numpy as np
 import pytest
@@ -175,7 +175,7 @@ def test_a_body_on_a_carried_arm_is_where_that_arm_is():
     [
         (
             {"left": "nobody"},
-            "arms.left.mounted_on: got 'nobody'; allowed: an arm on a base of its own, before it: upper",
+            "arms.left.mounted_on: got 'nobody'; allowed: an arm that no other one carries, before it: upper",
         ),
         ({"upper": "left"}, "arms.upper.mounted_on: got 'left'; allowed: .*there is none"),
         ({"left": "upper", "right": "left"}, "arms.right.mounted_on: got 'left'; allowed: .*: upper"),

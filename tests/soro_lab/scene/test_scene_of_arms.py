@@ -186,11 +186,11 @@ WRONG = {
     "no rotation": (arms(left={"base_quaternion": [0.0, 0.0, 0.0, 0.0]}), "arms.left: base_quaternion"),
     "a carrier that is not there": (
         arms(right={"mounted_on": "nobody"}),
-        "arms.right.mounted_on: got 'nobody'; allowed: an arm on a base of its own, before it: left",
+        "arms.right.mounted_on: got 'nobody'; allowed: an arm that no other one carries, before it: left",
     ),
     "a carrier that is carried": (
         arms(left={"mounted_on": "right"}, right={"mounted_on": "left"}),
-        "arms.left.mounted_on: got 'right'; allowed: an arm on a base of its own, before it: there is none",
+        "arms.left.mounted_on: got 'right'; allowed: an arm that no other one carries, before it: there is",
     ),
     "a carrier of one arm": ({"mounted_on": "left"}, "mounted_on: got 'left'; allowed: an arm of a scene of"),
     "a finger elsewhere": (

@@ -49,7 +49,7 @@ def capped(
         return replaced(state, phase="", rate=np.zeros(3)).released(dt)
     follow, was_contact = push.config.follow_speed_m_s, state.phase == "contact"
     state, back = yielding(push, state, point.q, dt)
-    if cap and felt is not None and state.tip is not None:
+    if cap and felt is not None and state.tracked is not None:
         likely = likely_force(felt.force_n, felt.covariance, cap**2 * np.eye(3))
         force = max(float(np.linalg.norm(likely)), 1e-9)
         toward = -likely / force
@@ -58,7 +58,7 @@ def capped(
             toward = toward / max(float(np.linalg.norm(toward)), 1e-9)
             force = float(-toward @ likely)
         doubt = float(np.sqrt(toward @ felt.covariance @ toward))
-        into = float(toward @ (tip - state.tip))
+        into = float(toward @ (tip - state.tracked.tip))
         is_sure = felt.stage != "free" or force > _SURE * doubt
         near = force > _NEAR * cap * (_LEAVES if was_contact else 1.0)
         better = _LATE_LOAD if was_contact else _LOAD

@@ -28,6 +28,7 @@ from soro_core.control.force.press import Press
 from soro_core.control.force.pressing import asked, pressed
 from soro_core.control.force.pushed_tip import PushedTip
 from soro_core.control.force.tip_stiffness import StiffnessAtTip
+from soro_core.control.force.tracked_tip import Track, tracked
 from soro_core.control.motion_config import ForceControlConfig
 from soro_core.control.reference.active_reference import ActiveReference
 from soro_core.control.reference.trajectory import Point
@@ -35,9 +36,6 @@ from soro_core.frozen import replaced
 from soro_core.model import SoftArm
 from soro_core.robot.coordinates import StrainFields
 
-# Time constant of the tracked tip where that is measured, and where it is the filter's; age of the measured
-# one, which is behind a low-pass [s].
-_TRACK_S, _TRACK_FILTER_S, _SEEN_S = 0.15, 0.5, 0.05
 # Longest time without an estimate for which reference and push stay as they are [s].
 _GAP_S = 0.25
 
@@ -110,10 +108,12 @@ class ForceLoop:
         is_asked = state.press or self.config.cap_n or self.config.stiffness_factor
         moves = is_asked or any(state.moved.tolist()) or state.wanted_n
         if not moves and not isinstance(following.wanted, Press):
-            return state if state.tip is None else replaced(state, tip=None)
+            return state if state.tracked is None else replaced(state, tracked=None)
         state = asked(state, following.wanted, following.given, dt)
         press = state.press
-        state = self._tracked(state, *seen[:2], dt)
+        measured = None if state.felt is None else state.felt.tip
+        believed, touches = Track(*self._tip(*seen[:2])[:2]), state.phase == "contact"
+        state = replaced(state, tracked=tracked(state.tracked, believed, measured, touches, dt))
         tip, speed, _ = self._tip(point.q, point.qd)
         if press is None:
             state = capped(self._push, state, point, tip, speed, dt)
@@ -170,22 +170,6 @@ class ForceLoop:
         if state.phase != "contact" or not missing_pa.any():
             return state
         return self._push.relieved(state, missing_pa, dt)
-
-    def _tracked(self, state: ForceLoopState, q: Array, qd: Array, dt: float) -> ForceLoopState:
-        """Return the state with the tip tracked, without lag at constant speed; a filter's are noisy."""
-        tip, speed, _ = self._tip(q, qd)
-        track_s = _TRACK_FILTER_S
-        if state.felt is not None and state.felt.tip is not None:
-            # That of the filter goes with the pressures: the reference would follow what it has caused.
-            tip, track_s = state.felt.tip + _SEEN_S * state.speed, _TRACK_S
-        if state.tip is None:
-            return replaced(state, tip=tip, speed=speed)
-        part = 1.0 - float(np.exp(-dt / track_s))
-        expected = state.tip + dt * state.speed
-        off = tip - expected
-        return replaced(
-            state, tip=expected + part * (2.0 - part) * off, speed=state.speed + part**2 / dt * off
-        )
 
     def _tip(self, q: Array, qd: Array) -> tuple[Array, Array, Array]:
         """Return position and velocity of the tip (3,), and the slope (3, n_q), in the world."""

@@ -10,6 +10,7 @@ import numpy as np
 from soro_core.adaptation.external_force import ExternalForce
 from soro_core.arrays import Array
 from soro_core.control.force.press import Press
+from soro_core.control.force.tracked_tip import TrackedTip
 from soro_core.control.reference.trajectory import Reference
 from soro_core.frozen import replaced
 
@@ -53,8 +54,8 @@ class ForceLoopState:
         Whether a press or a cap is without an estimate of the force.
     refusal : str
         Why the configured press is refused; empty if it is not.
-    tip, speed : ndarray (3,)
-        Tracked position and velocity of the tip [m, m/s]; `tip` is None where it is not tracked.
+    tracked : TrackedTip or None
+        Of the arm; None where it is not tracked.
     toward : ndarray (3,)
         Direction of the push.
     pressed_n : float
@@ -88,8 +89,7 @@ class ForceLoopState:
     beyond: str = ""
     is_unfelt: bool = False
     refusal: str = ""
-    tip: Array | None = None
-    speed: Array = field(default_factory=_zero)
+    tracked: TrackedTip | None = None
     toward: Array = field(default_factory=_zero)
     pressed_n: float = 0.0
     by_common: Array = field(default_factory=lambda: np.zeros((3, 0)))

@@ -66,7 +66,8 @@ def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt
     dt : float
         Time since the last tick [s].
     """
-    config, direction = push.config, press.direction
+    config, direction, tracked = push.config, press.direction, state.tracked
+    assert tracked is not None
     if state.felt is None and state.phase != "stopped":
         state = replaced(state, phase="stopped", is_unfelt=True)
     if state.felt is None or state.phase == "stopped":
@@ -79,7 +80,7 @@ def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt
         least = _LEAVES * touch
     else:
         # Where something stops the tip, the reference goes on into what is there.
-        is_slow = float(direction @ state.speed) < _STOPPED * config.approach_speed_m_s
+        is_slow = float(direction @ tracked.speed) < _STOPPED * config.approach_speed_m_s
         is_stopped = is_slow and state.approach_s > _MOVES_S and state.felt.tip is not None
         least = min(touch, _STOPPED_TOUCH_N) if is_stopped else touch
     if force > least:
@@ -90,8 +91,7 @@ def pressed(push: PushedTip, state: ForceLoopState, press: Press, tip: Array, dt
     approach_s = state.approach_s + dt if state.phase == "approach" else 0.0
     state = replaced(state, phase="approach", approach_s=approach_s, pressed_n=force)
     state = state.released(dt)
-    assert state.tip is not None
-    is_beyond = float(direction @ (tip + state.moved - state.tip)) > _MOST_AHEAD_M
+    is_beyond = float(direction @ (tip + state.moved - tracked.tip)) > _MOST_AHEAD_M
     if is_beyond or approach_s > config.approach_s:
         beyond = _beyond(push, state) if is_beyond else ""
         return replaced(state, phase="stopped", rate=np.zeros(3), beyond=beyond)

@@ -55,7 +55,7 @@ class PushedTip(NamedTuple):
             answer_n=force,
             added_n=0.0,
             toward=toward,
-            speed=np.zeros(3),  # of a wall that rests
+            tracked=None if state.tracked is None else state.tracked.stopped(),  # the wall rests
             scale=self.stiffness.nonuniformity(q, toward),
             by_common=self.stiffness.by_common_pressure(q),
         )
@@ -82,14 +82,14 @@ class PushedTip(NamedTuple):
         dt : float
             Time since the last tick [s].
         """
-        assert state.tip is not None
+        assert state.tracked is not None
         toward, (goal, force), (tip, speed) = state.toward, told, at
         own = float(toward @ speed)
         wanted = goal + (state.wanted_n - goal) * float(np.exp(-dt / PUSH_S))
         answer = wanted + (state.answer_n - wanted) * float(np.exp(-dt / _ANSWER_S))
         added = state.added_n + dt * self.config.rate_per_s * (answer - force)
         most = _MOST_ADDED * goal
-        step = float(toward @ (state.tip - tip - state.moved))
+        step = float(toward @ (state.tracked.tip - tip - state.moved))
         most_step = (self.config.follow_speed_m_s + abs(own)) * dt
         return replaced(
             state,
@@ -97,7 +97,7 @@ class PushedTip(NamedTuple):
             answer_n=answer,
             added_n=min(max(added, -most), most),
             moved=state.moved + dt * back + min(max(step, -most_step), most_step) * toward,
-            rate=back + (float(toward @ state.speed) - own) * toward,
+            rate=back + (float(toward @ state.tracked.speed) - own) * toward,
         )
 
     def relieved(self, state: ForceLoopState, missing_pa: Array, dt: float) -> ForceLoopState:

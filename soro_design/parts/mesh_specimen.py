@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from soro_core.arrays import Integers
 from soro_core.errors import ConfigError, ModelError
@@ -15,7 +17,7 @@ from soro_design.fem.part import Part
 from soro_design.parts.bare import bare_part
 from soro_design.parts.file import LoadSweep, PartFile
 from soro_design.parts.mesh_geometry import AXES, MeshGeometry
-from soro_design.parts.regions import ChosenRegion, choose
+from soro_design.parts.regions import ChosenRegion, choose, doubled
 from soro_design.parts.tendons import Routed, tensioned
 
 
@@ -103,12 +105,14 @@ def mesh_specimen(file: PartFile, geometry: MeshGeometry) -> MeshSpecimen:
     Raises
     ------
     ConfigError
-        If a group is not in the mesh, a region has no nodes or no faces, or a cavity is open.
+        If a group is not in the mesh, a region has no nodes or no faces, a cavity is open, or a piece of
+        the mesh is loose.
     ModelError
         If the file cannot be read, or its elements make no mesh.
     """
     read = read_part_mesh(geometry)
     mesh = read.mesh
+    _check_pieces(file.name, read, geometry)
     regions = {name: choose(file.name, read, name, geometry) for name in geometry.named().values()}
     loads = no_loads(mesh)
     for held in geometry.held:
@@ -134,6 +138,26 @@ def mesh_specimen(file: PartFile, geometry: MeshGeometry) -> MeshSpecimen:
         pressed.append((faces, one.is_open))
     forced = _faces(file.name, "forced", geometry.forced, regions) if geometry.forced else none
     return MeshSpecimen(part, tuple(pressed), forced, moved, direction, tendons)
+
+
+def _check_pieces(where: str, read: MeshFile, geometry: MeshGeometry) -> None:
+    """Refuse a mesh in several pieces, of which one has no node that is held or moved."""
+    cells, n = read.mesh.cells, len(read.mesh.points)
+    joined = coo_array((np.ones(cells.size), (np.repeat(cells[:, 0], cells.shape[1]), cells.ravel())), (n, n))
+    count, piece = connected_components(joined, directed=False)
+    if count == 1:
+        return
+    names = {one.region for one in (*geometry.held, geometry.moved) if one is not None}
+    is_held = np.zeros(n, dtype=bool)
+    for name in names:
+        is_held |= choose(where, read, name, geometry).nodes
+    for k in np.setdiff1d(np.arange(count), piece[is_held]):
+        place = ", ".join(f"{x:.4g}" for x in read.mesh.points[piece == k].mean(axis=0))
+        allowed = (
+            f"nodes of each of the {count} pieces that share no node, here none of that around ({place}) m;"
+            f" {doubled(read.mesh.points)} nodes lie where others are"
+        )
+        raise ConfigError(where, "geometry.held", sorted(names), allowed)
 
 
 def _faces(where: str, key: str, name: str, regions: dict[str, ChosenRegion]) -> Integers:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,12 +12,14 @@ from soro_core.arrays import Array, Integers
 from soro_core.errors import ConfigError, ModelError
 from soro_core.files.stl import read_stl
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.meshes.cavities import inner_surfaces, surface_around, surface_of
+from soro_design.fem.meshes.cavities import InnerSurface, inner_surfaces, surface_around, surface_of
 from soro_design.fem.meshes.mesh_files import MeshFile
 from soro_design.parts.mesh_geometry import MeshGeometry, Region
 
 # A node is at a bound of a region if it is nearer than this part of the size of the mesh.
 NEAR = 1e-6
+# As many closed surfaces are listed in one line.
+_LISTED = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,26 +68,30 @@ def choose(where: str, read: MeshFile, name: str, geometry: MeshGeometry) -> Cho
     return ChosenRegion(inside, faces[inside[faces].all(axis=1)])
 
 
+def doubled(points: Array) -> int:
+    """Return how many of the nodes (n, d) lie where another one is."""
+    return len(points) - len(np.unique(np.round(points / (NEAR * np.ptp(points))), axis=0))
+
+
 def _surface(where: str, mesh: Mesh, key: str, region: Region, unit_m: float) -> Integers:
     """Faces (f, m) that are on all surfaces that a region states."""
     found = inner_surfaces(mesh)
     if not found and not region.stl:
         used = "inner_surface" if region.inner_surface is not None else "around_m"
-        allowed = "none: no surface closes inside this mesh; state stl, a group or bounds"
+        count = doubled(mesh.points)
+        why = f" ({count} nodes lie where others are)" if count else ""
+        allowed = f"none: no surface closes inside this mesh{why}; state stl, a group or bounds"
         raise ConfigError(where, f"{key}.{used}", getattr(region, used), allowed)
     stated = []
     if region.inner_surface is not None:
         if region.inner_surface > len(found):
-            unit = "mm2" if mesh.space == "plane_strain" else "mm3"
-            scale = 1e6 if mesh.space == "plane_strain" else 1e9
-            sizes = ", ".join(f"{k + 1} ({scale * one.volume:.4g} {unit})" for k, one in enumerate(found))
-            raise ConfigError(where, f"{key}.inner_surface", region.inner_surface, sizes)
+            raise ConfigError(where, f"{key}.inner_surface", region.inner_surface, _listed(mesh, found))
         stated.append(found[region.inner_surface - 1].faces)
     if region.around_m is not None:
         try:
             stated.append(surface_around(mesh, found, region.around_m))
-        except ModelError as error:
-            allowed = str(error).split("allowed: ")[-1]
+        except ModelError:
+            allowed = f"one in the air of an inner surface: {_listed(mesh, found)}"
             raise ConfigError(where, f"{key}.around_m", list(region.around_m), allowed) from None
     if region.stl:
         try:
@@ -97,6 +104,16 @@ def _surface(where: str, mesh: Mesh, key: str, region: Region, unit_m: float) ->
     for other in stated[1:]:
         faces = faces[(faces[:, None] == other).all(axis=2).any(axis=1)]
     return faces
+
+
+def _listed(mesh: Mesh, found: Sequence[InnerSurface]) -> str:
+    """Numbers, volumes and places of closed surfaces."""
+    unit, scale = ("mm2", 1e6) if mesh.space == "plane_strain" else ("mm3", 1e9)
+    listed = [
+        f"{k + 1} ({scale * one.volume:.4g} {unit}, {_extent(mesh.points[one.faces.ravel()])})"
+        for k, one in enumerate(found[:_LISTED])
+    ]
+    return ", ".join([*listed, f"to {len(found)}"] if len(found) > _LISTED else listed)
 
 
 def _extent(points: Array) -> str:

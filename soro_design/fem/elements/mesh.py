@@ -16,6 +16,8 @@ Space = Literal["plane_strain", "axisymmetric", "solid"]
 
 # Least ratio of the least to the greatest volume scale in an element.
 FLATTEST = 1e-3
+# Least ratio of its volume scale to its size: rounding makes that of flat elements.
+_ROUNDED = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,15 +142,17 @@ def _turned(kind: str, points: Array, cells: Integers) -> Integers:
         order = [int(np.flatnonzero((one.nodes == place).all(axis=1))[0]) for place in mirrored]
         cells, scale = cells[:, order], -scale
     low, high = scale.min(axis=1), np.abs(scale).max(axis=1)
-    wrong = np.flatnonzero(~(low > FLATTEST * high))
+    size = np.ptp(points[cells], axis=1).max(axis=1) ** points.shape[1]
+    is_flat = high <= _ROUNDED * size
+    wrong = np.flatnonzero(~(low > FLATTEST * high) | is_flat)
     if len(wrong):
         e = wrong[0]
-        is_inverted = bool(low[e] < -FLATTEST * high[e])
+        is_inverted = bool(low[e] < -FLATTEST * high[e]) and not is_flat[e]
         place = ", ".join(f"{x:.4g}" for x in points[cells[e]].mean(axis=0))
         what = "inverted" if is_inverted else "degenerate"
         raise ModelError(
-            f"cells: element {e} at ({place}) m is {what}, one of {len(wrong)} such; allowed: corners in one"
-            " sense, angles below 180 degrees",
+            f"cells: {len(wrong)} wrong, element {e} {what} at ({place}) m; allowed: corners in one sense,"
+            " angles below 180 degrees",
             "cells",
         )
     return cells

@@ -13,7 +13,7 @@ from scipy.sparse.csgraph import connected_components
 from soro_core.arrays import Array, Integers
 from soro_core.errors import ModelError
 from soro_design.fem.elements.mesh import Mesh
-from soro_design.fem.meshes.surface import edges_of, pieces
+from soro_design.fem.meshes.surface import differs_in_sense, edges_of, pieces
 
 # Of a face, over the square root of its area: how far into the air the point is that has to lie in an STL.
 _INTO_AIR = 0.1
@@ -76,7 +76,7 @@ def surface_around(mesh: Mesh, found: Sequence[InnerSurface], point: ArrayLike) 
 def surface_of(mesh: Mesh, found: Sequence[InnerSurface], points: Array, triangles: Integers) -> Integers:
     """Return the faces (f, m) of a solid beside the air that an STL encloses.
 
-    Of the closed surfaces inside the mesh those are taken whole of which more than half the area is there.
+    Closed surfaces inside the mesh of which more than half the area is there are taken, whole and alone.
 
     Parameters
     ----------
@@ -90,8 +90,10 @@ def surface_of(mesh: Mesh, found: Sequence[InnerSurface], points: Array, triangl
     Raises
     ------
     ModelError
-        If there is none.
+        If there is none, or the triangles differ in sense.
     """
+    if differs_in_sense(triangles):
+        raise ModelError("stl with triangles that differ in sense; allowed: all outwards, or inwards", "stl")
     faces, inside = mesh.boundary(), points[triangles]
     corners = mesh.points[pieces(faces)].reshape(len(faces), -1, 3, 3)
     normal = 0.5 * np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
@@ -100,9 +102,12 @@ def surface_of(mesh: Mesh, found: Sequence[InnerSurface], points: Array, triangl
     air = corners.mean(axis=(1, 2)) + _INTO_AIR * normal / np.sqrt(area)[:, None]
     is_there = _is_around(inside, air)
     key = {tuple(face): k for k, face in enumerate(faces.tolist())}
+    closed = np.zeros_like(is_there)
     for one in found:
         own = [key[tuple(face)] for face in one.faces.tolist()]
-        is_there[own] = area[own] @ is_there[own] > 0.5 * area[own].sum()
+        closed[own] = area[own] @ is_there[own] > 0.5 * area[own].sum()
+        is_there[own] = False
+    is_there = closed if closed.any() else is_there
     if not is_there.any():
         raise ModelError("stl beside no face of the mesh; allowed: that of a cavity, in its unit", "stl")
     return np.asarray(faces[is_there])

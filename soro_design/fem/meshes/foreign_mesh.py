@@ -19,7 +19,7 @@ from soro_design.fem.meshes.named_sets import inp_parts
 
 # How files begin, or what stands at the beginning of a line near there, and meshio's name of the format.
 _FORMATS = (
-    (rb"^\$MeshFormat", "gmsh"),
+    (rb"^\$(MeshFormat|NOD)\b", "gmsh"),
     (rb"\A# vtk DataFile", "vtk"),
     (rb"<VTKFile[^>]*UnstructuredGrid", "vtu"),
     (rb"<Xdmf", "xdmf"),
@@ -35,6 +35,7 @@ _FORMATS = (
     (rb"^v\s+[-+0-9.eE]+\s+[-+0-9.eE]+\s", "obj"),
 )
 _NO_MESHES = (
+    (rb"(?i)^mesh\b.*\belemtype\b", "a mesh of GiD, to be saved as .vtk or .inp first"),
     (rb"<VTKFile", "a VTK file of another kind than UnstructuredGrid"),
     (rb"\AISO-10303-21", "a STEP file, whose name ends in .step or .stp"),
     (rb"\APK\x03\x04|\A\x1f\x8b|\A7z", "an archive, to be unpacked first"),
@@ -43,13 +44,17 @@ _NO_MESHES = (
 )
 _HEAD = 8192
 _INCLUDE = re.compile(r"(?mi)^[ \t]*\*include[ \t]*,[ \t]*input[ \t]*=(.*)$")
+_GMSH_1 = re.compile(rb"(?m)^\$NOD\b")
 _COMMENT = re.compile(rb"(?m)^[ \t]*(//|#).*\n")
+# Of VTU files since VTK 9, which differ in kinds of elements that are not read here.
+_VERSION = re.compile(rb"""(<VTKFile[^>]*\bversion=["'])2\.\d+""")
 
 
 def read_foreign(path: Path) -> Any:
     """Return the mesh of meshio of a file, in the format of its content, else in that of its ending.
 
     Comment lines of a text file of Gmsh are skipped. Faces of .obj may count their points from the last one.
+    VTU files of the versions 2 are read as those of version 1, and files of Gmsh 1.
 
     Raises
     ------
@@ -74,7 +79,9 @@ def read_foreign(path: Path) -> Any:
         raise _refused(path, words)
     if form is None and path.suffix.lower() not in meshio.extension_to_filetypes:
         raise _refused(path, f"no mesh that is known by its content, nor by the ending {path.suffix!r}")
-    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf") if form in ("gmsh", "obj", "stl") else b""
+    data = path.read_bytes().removeprefix(b"\xef\xbb\xbf") if form in ("gmsh", "obj", "stl", "vtu") else b""
+    if form == "gmsh" and _GMSH_1.search(data):
+        data = _of_gmsh_1(data)
     if form == "gmsh" and not (b"$EndNodes" in data and b"$EndElements" in data):
         raise _refused(path, "by its content gmsh, and damaged: $EndNodes or $EndElements is missing")
     if form == "stl":
@@ -82,12 +89,15 @@ def read_foreign(path: Path) -> Any:
     sets = None
     with tempfile.TemporaryDirectory(prefix="soro-") as folder:
         plain = path
-        if form == "gmsh" and re.search(rb"\$MeshFormat\s+\S+\s+0\s", head):
+        if form == "gmsh" and re.search(rb"\$MeshFormat\s+\S+\s+0\s", data):
             plain = Path(folder) / "plain.msh"
             plain.write_bytes(_COMMENT.sub(b"", data))
         if form == "obj":
             plain = Path(folder) / "plain.obj"
             plain.write_bytes(_plain_obj(path, data))
+        if form == "vtu" and _VERSION.search(data):
+            plain = Path(folder) / "plain.vtu"
+            plain.write_bytes(_VERSION.sub(rb"\g<1>1.0", data, count=1))
         if form == "abaqus":
             plain = Path(folder) / "plain.inp"
             text, sets = _plain_inp(path)
@@ -118,6 +128,17 @@ def read_foreign(path: Path) -> Any:
                     path, f"an element of point {high if low >= 0 else low} of {len(found.points)}"
                 )
     return found
+
+
+def _of_gmsh_1(data: bytes) -> bytes:
+    """Return a file of Gmsh 1 as of 2.2: elements count their tags there, and here their nodes."""
+    nodes, _, rest = data.partition(b"$ELM")
+    elements, end, _ = rest.partition(b"$ENDELM")
+    rows = [line.split() for line in elements.splitlines() if line.strip()]
+    rows = [row if len(row) < 5 else [*row[:2], b"2", *row[2:4], *row[5:]] for row in rows]
+    nodes = nodes.replace(b"$NOD", b"$Nodes").replace(b"$ENDNOD", b"$EndNodes")
+    lines = [b"$MeshFormat\n2.2 0 8\n$EndMeshFormat", nodes.strip(), b"$Elements", *map(b" ".join, rows)]
+    return b"\n".join([*lines, b"$EndElements\n" if end else b""])
 
 
 def _plain_obj(path: Path, data: bytes) -> bytes:

@@ -63,6 +63,32 @@ def refined(points: Array, simplices: Integers) -> tuple[Array, Integers, list[I
     return np.concatenate(places), np.concatenate(cells).astype(np.int64), middles
 
 
+# Faces of triangles and of tetrahedra, by the number of corners, turned outwards.
+_FACES = {3: ((0, 1), (1, 2), (2, 0)), 4: ((0, 2, 1), (0, 1, 3), (1, 2, 3), (0, 3, 2))}
+
+
+def in_one_sense(points: Array, simplices: Integers) -> Integers:
+    """Return triangles or tetrahedra of which a program has numbered some in the other sense, in one.
+
+    Those that lie on each other are folded, not numbered otherwise: the simplices are returned as they are.
+
+    Parameters
+    ----------
+    points : ndarray, (n, d)
+        Places of the corners.
+    simplices : ndarray of int, (s, d + 1)
+        Corners of each.
+    """
+    count = simplices.shape[1]
+    turned, other = simplices.copy(), np.linalg.det(np.diff(points[simplices], axis=1)) < 0.0
+    turned[other, :2] = simplices[other, 1::-1]
+    faces = np.concatenate([turned[:, one] for one in _FACES[count]])
+    order = sum(faces[:, i] > faces[:, k] for i, k in combinations(range(count - 1), 2)) % 2
+    # Neighbours are on both sides of a face, so that they go around it in both senses.
+    _, there = np.unique(np.column_stack([np.sort(faces, axis=1), order]), axis=0, return_counts=True)
+    return simplices if (there > 1).any() else turned
+
+
 # Kinds of meshio by ours, the best first; simplices with corners alone are refined.
 _KINDS = {
     "hex20": "hexahedron20",
@@ -97,6 +123,8 @@ class MeshFile:
 
 def read_mesh(path: str | Path, space: Space, unit_m: float = 1.0) -> MeshFile:
     """Read a mesh, of .msh for example; triangles and tetrahedra with corners alone are `refined`.
+
+    Those may be numbered in either sense (`in_one_sense`).
 
     Parameters
     ----------
@@ -249,7 +277,7 @@ def _file(points: Array, cells: Integers, kind: str, space: Space, groups: dict[
     ours = next((one for one, other in _KINDS.items() if other == kind), "")
     if ours:
         return MeshFile(make_mesh(ours, space, points, cells), is_in)
-    points, cells, middles = refined(points, cells)
+    points, cells, middles = refined(points, in_one_sense(points, cells))
     # The middle of an edge or a face is in a group if all its corners are.
     for name, inside in is_in.items():
         is_in[name] = np.concatenate([inside, *(inside[corners].all(axis=1) for corners in middles)])

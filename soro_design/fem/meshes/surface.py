@@ -140,6 +140,14 @@ def is_closed(triangles: Integers) -> bool:
     return bool((count == 1).all() and np.array_equal(there, back))
 
 
+def differs_in_sense(triangles: Integers) -> bool:
+    """Whether two neighbours among triangles (t, 3), which need not close, run along an edge the same way."""
+    edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
+    there, count = np.unique(edges, axis=0, return_counts=True)
+    twice, back = there[count > 1], {tuple(edge) for edge in there[:, ::-1].tolist()}
+    return any(tuple(edge) not in back for edge in twice.tolist())
+
+
 def _check(mesh: Mesh, spaces: tuple[str, ...]) -> None:
     if mesh.space not in spaces:
         raise ModelError(f"space {mesh.space!r} of the mesh; allowed: {', '.join(spaces)}", "space")

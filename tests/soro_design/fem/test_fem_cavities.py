@@ -169,8 +169,8 @@ def test_a_region_may_cut_a_surface(tmp_path):
     ("cavity", "key", "names"),
     [
         ({"inner_surface": 0}, "inner_surface", ()),
-        ({"inner_surface": 3}, "inner_surface", ("1 (8000 mm3), 2 (4000 mm3)",)),
-        ({"around_m": [0.025, 0.02, 0.02]}, "around_m", ("2 inner surfaces",)),
+        ({"inner_surface": 3}, "inner_surface", ("1 (8000 mm3, (0.03, 0.01, 0.01) to", "2 (4000 mm3, ")),
+        ({"around_m": [0.025, 0.02, 0.02]}, "around_m", ("air", "1 (8000 mm3, ", "2 (4000 mm3, ")),
         ({"around_m": [0.04, 0.02]}, "around_m", ("3 numbers",)),
         ({"stl": "none.stl"}, "stl", ("beside the part file",)),
         ({"stl": "part.yaml"}, "stl", ("STL",)),

@@ -230,6 +230,11 @@ STRANGE = {
     "step": ("part.msh", b"ISO-10303-21;\nHEADER;", "a STEP file"),
     "archive": ("part.msh", b"PK\x03\x04" + bytes(99), "an archive"),
     "pointer": ("part.msh", b"version https://git-lfs.github.com/spec/v1\n", "git lfs pull"),
+    "gid": (
+        "part.msh",
+        b"MESH dimension 3 ElemType Tetrahedra Nnode 4\nCoordinates\n 1 0 0 0\nEnd Coordinates\n",
+        "a mesh of GiD",
+    ),
     "page": ("part.msh", b"<!DOCTYPE html><html>404", "a web page"),
     "unknown": ("part.odd", b"no mesh\n", "nor by the ending '.odd'"),
     "surface": ("part.obj", OBJ.encode(), "elements triangle"),

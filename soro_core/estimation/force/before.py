@@ -1,9 +1,10 @@
-"""What was known of the arm before a force from outside, and what it says of the arm that this bends.
+"""What is known of the arm, or was before a force from outside, read for links that bend non-uniformly.
 
-Where the arm has been, a softer one is as well explained by areas with another slope and by a load; how it
-gives way to a push differs by up to 30 %. The file's areas are those of the drawing, its modulus is not: a
-change of that shows in the elongation by the mean pressure, which a load hardly changes, and the load in the
-bend. So what was learned is read as a part of the elastic force, a load, and little else.
+Where the arm has been, a softer one is as well explained by areas with another slope and by a load, and a
+stiffer one by a load below zero; how it gives way to a push differs by up to 30 %, and a load bends a link
+non-uniformly. The file's areas are those of the drawing, its modulus is not: a change of that shows in the
+elongation by the mean pressure, which a load hardly changes, and the load in the bend. So what was learned is
+read as a part of the elastic force, a load, and little else.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _ANOTHER = 11.3
 
 
 class Before(NamedTuple):
-    """What was known a while ago [s].
+    """What was known a while ago.
 
     Attributes
     ----------
@@ -45,7 +46,7 @@ class Before(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """What was known, read for an arm that is bent from outside.
+    """What is known, read for an arm whose links bend non-uniformly.
 
     Attributes
     ----------
@@ -79,28 +80,25 @@ class Reading(NamedTuple):
         return found
 
 
-def kept(past: tuple[Before, ...], theta: Array, q: Array | None, dt: float) -> tuple[Before, ...]:
+def kept(past: tuple[Before, ...], now: Before, dt: float) -> tuple[Before, ...]:
     """Return what was known up to two times `_PAST_S` ago, oldest first, with what is known now.
 
     Parameters
     ----------
     past : tuple of Before
         The same at the last estimate.
-    theta : ndarray
-        What is learned now, as `Learned.theta`.
-    q : ndarray (n_q,) or None
-        Coordinates now; None where they are not known yet.
+    now : Before
     dt : float
         Time since the last estimate [s].
     """
     older = tuple(one._replace(age_s=one.age_s + dt) for one in past)
-    if q is None or (older and older[-1].age_s < _PAST_S):
+    if older and older[-1].age_s < _PAST_S:
         return older
-    return (*older[-1:], Before(0.0, theta, q))
+    return (*older[-1:], now)
 
 
 def read(force: LearnedForce, before: Before, model_std_pa: float) -> Reading:
-    """Return what was known, as a modulus and a load where they explain it.
+    """Return what is known, as a modulus and a load where they explain it.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ from soro_core.estimation.force.average import (
     axes_of,
     covariance_of,
 )
-from soro_core.estimation.force.before import kept, read
+from soro_core.estimation.force.before import Before, kept, read
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, hold
 from soro_core.estimation.force.stage import ForceSeen, next_stage
@@ -128,14 +128,17 @@ class ForceObserver:
         dt, theta = state.passed_s - start_s, self._nothing
         if learned is not None:
             theta = known.share * (learned.theta if learned.own is None else learned.own)
-        bent, modulus = np.zeros(self.arm.n_q), 1.0
-        if state.stage.stage == "free":
-            state = state._replace(past=kept(state.past, theta, state.q, dt), reading=None)
-        elif state.past:
+        now, is_free = Before(0.0, theta, q), state.stage.stage == "free"
+        if is_free:
+            state = state._replace(past=kept(state.past, now, dt), reading=None)
+        if is_free or not state.past:
+            before, reading = now, read(self.force, now, self.config.model_std_pa)
+        else:
             # What is learned as a load since then may be the push.
-            reading = state.reading or read(self.force, state.past[0], self.config.model_std_pa)
+            before = state.past[0]
+            reading = state.reading or read(self.force, before, self.config.model_std_pa)
             state = state._replace(reading=reading)
-            theta, modulus, bent = reading.theta_of(theta), reading.modulus, q - state.past[0].q
+        theta, modulus, bent = reading.theta_of(theta), reading.modulus, q - before.q
         losses = self.force.damping.force(Learned(theta).damping_s(self.arm.n_q), measured.qd)
         measured = measured._replace(force=measured.force + losses)
         balance = self.balancer.step(state.balance, measured, theta, s, seen[-1].q, modulus)

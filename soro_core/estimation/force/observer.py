@@ -24,7 +24,7 @@ from soro_core.estimation.force.average import (
     axes_of,
     covariance_of,
 )
-from soro_core.estimation.force.before import Before, kept, read
+from soro_core.estimation.force.before import Before, Reading, kept, read
 from soro_core.estimation.force.config import ForceConfig
 from soro_core.estimation.force.hold import HeldPlace, hold
 from soro_core.estimation.force.stage import ForceSeen, next_stage
@@ -52,6 +52,8 @@ _MOVES_PER_S, _STEADY_PER_S = 0.15, 2.0
 # Largest force, in that whose work over the length of the arm is the energy of one unit of each strain:
 # an arm that leans on something all along, or is bent to where its tip hardly moves, has balances under any.
 _MOST_FORCE = 1e3
+# Learned load, as a part of the arm's mass, below which it is none, but a stiffness: no load is below zero.
+_LEAST_LOAD = -0.1
 # Part of a new position in the mean of their scatter.
 _SCATTER_PART = 0.05
 
@@ -132,7 +134,9 @@ class ForceObserver:
         if is_free:
             state = state._replace(past=kept(state.past, now, dt), reading=None)
         if is_free or not state.past:
-            before, reading = now, read(self.force, now, self.config.model_std_pa)
+            before, reading = now, Reading(float(theta[0]))
+            if theta[0] < _LEAST_LOAD * self._mass_kg:
+                reading = read(self.force, now, self.config.model_std_pa)
         else:
             # What is learned as a load since then may be the push.
             before = state.past[0]

@@ -64,23 +64,28 @@ def times(options: Options) -> str:
 
 def by_solvers(options: Options, name: str, part: Part, solvers: list[str]) -> list[list[object]]:
     """Rows of a part solved by each solver that is installed."""
-    rows, before = [], (linear.MANY, linear.LARGE)
-    never = 10**9
+    rows = []
     for solver in solvers:
         if not find_spec(PACKAGES[solver]):
             continue
         options.say(f"{name}, {solver}")
-        linear.MANY = 0 if solver == "pardiso" else never
-        linear.LARGE = 0 if solver == "multigrid" else never
-        try:
-            done, spent = timed(part)
-        finally:
-            linear.MANY, linear.LARGE = before
+        done, spent = by_one_solver(part, solver)
         if done.status != "solved":
             raise RuntimeError(f"{name}, {solver}: {done.cause}")
         energy = f"{1e3 * done.last.energy:.9g}"
         rows.append([name, part.mesh.points.size, solver, done.steps, done.iterations, spent, energy])
     return rows
+
+
+def by_one_solver(part: Part, solver: str) -> tuple[LoadSolution, str]:
+    """Solve a part by one of `PACKAGES`; returns as of `timed`."""
+    before, never = (linear.MANY, linear.LARGE), 10**9
+    linear.MANY = 0 if solver == "pardiso" else never
+    linear.LARGE = 0 if solver == "multigrid" else never
+    try:
+        return timed(part)
+    finally:
+        linear.MANY, linear.LARGE = before
 
 
 def timed(part: Part) -> tuple[LoadSolution, str]:

@@ -32,7 +32,17 @@ class Track(NamedTuple):
     speed: Array
 
     def next(self, seen: Array, time_s: float, dt: float) -> Track:
-        """Return it after a tick, without lag at constant speed; `time_s`: its time constant [s]."""
+        """Return it after a tick, without lag at constant speed.
+
+        Parameters
+        ----------
+        seen : ndarray (3,)
+            Position [m].
+        time_s : float
+            Its time constant [s].
+        dt : float
+            Time since the last tick [s].
+        """
         part = 1.0 - float(np.exp(-dt / time_s))
         expected = self.tip + dt * self.speed
         off = seen - expected

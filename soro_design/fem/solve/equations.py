@@ -69,9 +69,11 @@ class Equations:
         off = float(np.linalg.norm(self.free(balance)))
         if off <= tolerance * scale:
             return True
+        if off > LEAST * scale:
+            return False
         # Forces of small strains, and of nearly incompressible parts, are small differences of large numbers.
         large = self.part.pattern.matrix(np.abs(balance.data)) @ (np.abs(u) + self.edge).ravel()
-        return off <= min(ROUNDING * float(np.linalg.norm(large)), LEAST * scale)
+        return off <= ROUNDING * float(np.linalg.norm(large))
 
     def is_there(self, gap: Array) -> bool:
         """Whether held nodes are in their places."""

@@ -70,6 +70,8 @@ def equilibrium(
         last = size if iteration else np.inf
         tangent = equations.tangent(balance, u)
         step = tangent.move(-balance.unbalanced, equations.gap(u, load)) if tangent else None
+        # Factors of large solids take much of the memory: these go before the next ones come.
+        del tangent
         if step is None:
             return Attempt(None, "the stiffness is singular: hold the part", iteration)
         is_there = equations.is_there(equations.gap(u, load))

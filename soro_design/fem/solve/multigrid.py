@@ -1,7 +1,7 @@
 """Linear equations of large solids by iterations: conjugate gradients or GMRES under algebraic multigrid.
 
-The multigrid is smoothed aggregation (Vanek, Mandel and Brezina, Computing 56 (1996) 179-196) of pyamg, which
-keeps the motions of a rigid body, the softest of each part of a solid (docs/adr, 0077).
+The multigrid (`soro_design.fem.multigrid`) keeps the motions of a rigid body, the softest of each part of a
+solid.
 """
 
 from __future__ import annotations
@@ -11,16 +11,15 @@ from typing import Any
 
 import numpy as np
 from scipy.sparse import bsr_array
-from scipy.sparse.linalg import gmres
+from scipy.sparse.linalg import LinearOperator, gmres
 
 from soro_core.arrays import Array, Flags
+from soro_design.fem.multigrid.levels import Levels
 
 # Greatest residual over the right hand side: the balance of forces decides, each iteration anew.
 TOLERANCE = 1e-5
 # Most iterations of conjugate gradients; most of GMRES, in rounds between restarts.
 ITERATIONS, ROUNDS, RESTART = 300, 4, 60
-# Equations that are solved directly on the coarsest level.
-COARSEST = 400
 Apply = Callable[[Array], Array]
 
 
@@ -38,24 +37,21 @@ class Multigrid:
     """
 
     def __init__(self, matrix: Any, motions: Array, is_symmetric: bool) -> None:
-        from pyamg import smoothed_aggregation_solver
-
-        self._matrix = bsr_array(matrix, blocksize=(3, 3))
+        # By rows; the columns of a symmetric matrix are its rows.
+        self._matrix = bsr_array(matrix.T if is_symmetric else matrix, blocksize=(3, 3))
         self._is_symmetric = is_symmetric
         even = self._matrix if is_symmetric else bsr_array((matrix + matrix.T) / 2.0, blocksize=(3, 3))
-        levels = smoothed_aggregation_solver(
-            even, B=motions, symmetry="symmetric", improve_candidates=None, max_coarse=COARSEST
-        )
-        self._cycle = levels.aspreconditioner()
+        self._cycle = Levels(even, motions).cycle
 
     def solve(self, right: Array) -> Array:
         """Return the solution (n,) for a right hand side (n,), NaN where iterations do not find it."""
         found = None
         if self._is_symmetric:
-            found = conjugate_gradients(self._matrix.dot, self._cycle.matvec, right, TOLERANCE, ITERATIONS)
+            found = conjugate_gradients(self._matrix.dot, self._cycle, right, TOLERANCE, ITERATIONS)
         if found is None:
+            near = LinearOperator(self._matrix.shape, matvec=self._cycle, dtype=right.dtype)
             found, failed = gmres(
-                self._matrix, right, rtol=TOLERANCE, restart=RESTART, maxiter=ROUNDS, M=self._cycle
+                self._matrix, right, rtol=TOLERANCE, restart=RESTART, maxiter=ROUNDS, M=near
             )
             if failed:
                 return np.full_like(right, np.nan)

@@ -434,3 +434,23 @@ def test_a_force_that_no_such_arm_could_bear_is_no_estimate(monkeypatch, force_n
     assert (
         observer.step(state, [seen._replace(stamp_s=0.12)], ARM.length, LearnedInput(), 0.12).external is None
     )
+
+
+@pytest.mark.parametrize(("load_kg", "is_read"), [(-0.0095, True), (0.02, False)])
+def test_a_load_below_zero_is_read_as_a_stiffness_in_free_air(monkeypatch, load_kg, is_read):
+    """On a circle a stiffer arm looks like a lighter one; a load bends the finer arm where none is."""
+    observer = ForceObserver(ARM, ForceConfig(), 1, Noise(1e-4, 100.0))
+    q, theta, asked = np.array([0.08, 6.0, 0.0]), np.zeros(observer.force.size), []
+    theta[0], theta[2] = load_kg, 2.5  # the load, and how the force along the arm grows with the elongation
+    balance = observer.balancer.step
+    monkeypatch.setattr(
+        observer.balancer, "step", lambda *known: (asked.append((known[2], known[5])), balance(*known))[1]
+    )
+    seen = Seen(0.1, ARM.pose(q, ARM.length)[:3, 3], PRESSURE, q, STILL, np.zeros(ARM.n_internal))
+    observer.step(ForceState(), [seen], ARM.length, LearnedInput(Learned(theta), share=1.0), 0.1)
+    ((told, modulus),) = asked
+    if is_read:
+        assert modulus > 1.1
+        assert told[0] > 0.5 * load_kg
+    else:
+        assert (modulus, told.tolist()) == (1.0, theta.tolist())

@@ -165,7 +165,8 @@ def test_nodes_of_a_hand_squeeze_hold_and_open(domain, tmp_path):
         refusal = grasp("--crush", "1mN")
         assert refusal.returncode == 2
         assert "none above the next one" in refusal.stdout + refusal.stderr
-        kept = grasp("keep", "--force", "40mN")
+        # The noise of the poses ends a squeeze some 12 mN early or late: a force of many times that.
+        kept = grasp("keep", "--force", "200mN")
         assert kept.returncode == 0, kept.stdout + kept.stderr
         opened = grasp("open")
         assert opened.returncode == 0, opened.stdout + opened.stderr
@@ -188,7 +189,7 @@ def test_nodes_of_a_hand_squeeze_hold_and_open(domain, tmp_path):
         for data in heard[f"/{SCENE}/bodies/contacts"]
         for one in [of_fingers(deserialize_message(data, JointState))]
     ]
-    assert max(normal) == pytest.approx(0.12, rel=0.3)  # three fingers of 40 mN
+    assert max(normal) == pytest.approx(0.6, rel=0.3)  # three fingers of 200 mN
     assert normal[-1] == 0.0
 
 

@@ -19,6 +19,7 @@ from soro_design.topology import (
     reanalyse,
     shape,
 )
+from soro_design.topology.widths import PRINTABLE_M, least_widths
 
 TITLE = "Topology optimisation"
 # Work of the pressure, 1000 at the first iteration, at most.
@@ -26,7 +27,8 @@ ARCH = {(100, 50): 16.9, (200, 100): 14.4}
 # Most minutes of the processor.
 BELLOW_MIN = {(100, 50): 2.0, (200, 100): 6.0}
 # Other tasks, and those of them whose own mesh has a target.
-OTHERS, AGREEING = ("disc", "gripper", "pneunet"), ("disc", "pneunet")
+OTHERS = ("bellow_folds", "disc", "gripper", "pneunet")
+AGREEING = ("bellow_folds", "disc", "pneunet")
 MOTION_MM, GRIDS_AGREE, GREYNESS, OWN_MESH_AGREES, STROKE_MM = 2.4, 0.02, 0.08, 0.05, 7.0
 
 
@@ -129,6 +131,8 @@ def _rows(name: str, bellow: Found, minutes: float) -> list[tuple[str, ...]]:
 
 
 def _others_rows(name: str, found: Found) -> list[tuple[str, ...]]:
+    least = 1e3 * PRINTABLE_M
+    width = 1e3 * least_widths(make_domain(load_task(name)), found.part.mesh).solid_m
     free, leak, last = 1e3 * found.moved.free_m, found.part.leak, found.state.rows[-1]
     gap = abs(found.moved.motion_m / last.motion_m - 1.0)
     agree = (f"<= {OWN_MESH_AGREES:.0%}", met(gap <= OWN_MESH_AGREES)) if name in AGREEING else ("", "")
@@ -139,6 +143,6 @@ def _others_rows(name: str, found: Found) -> list[tuple[str, ...]]:
         (name, "the same, own mesh", f"{1e3 * found.moved.motion_m:.3f} mm", "", ""),
         (name, "own mesh against grid", f"{gap:.1%}", *agree),
         (name, "greyness", f"{last.greyness:.3f}", f"<= {GREYNESS}", met(last.greyness <= GREYNESS)),
-        (name, "thinnest wall", f"{1e3 * found.part.wall_m:.2f} mm", "", ""),
+        (name, "least wall or hinge", f"{width:.2f} mm", f">= {least:g} mm", met(width >= least)),
         (name, "time", f"{found.processor_s:.0f} s", "", ""),
     ]

@@ -147,7 +147,7 @@ PARTS = {
     "paths": picture_of_paths,
     "fold": picture_of_fold,
 }
-TASKS = ("arch", "bellow", "disc", "gripper", "pneunet")
+TASKS = ("arch", "bellow", "bellow_folds", "disc", "gripper", "pneunet")
 
 
 def main() -> None:

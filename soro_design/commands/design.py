@@ -46,6 +46,7 @@ def run(
     from soro_design.topology.domain import make_domain
     from soro_design.topology.optimise import STATE, require_sealable
     from soro_design.topology.pictures import film
+    from soro_design.topology.repeats import cells_of
     from soro_design.topology.task import resolved, write_task
 
     file = find_config(task, "design")
@@ -53,6 +54,7 @@ def run(
     loaded = resolved(load_task(file), str(file))
     domain = make_domain(loaded, str(file))
     require_sealable(domain, str(file))
+    cells_of(domain, str(file))
     folder = Path(f"{file.stem}_design") if out is None else out
     state = None
     if resume:
@@ -280,6 +282,8 @@ def _width(width_m: float, at: Array) -> str:
 def _numbers(
     domain: Domain, state: OptimiserState, found: FinalPart, widths: Widths, moved: Reanalysis | None
 ) -> list[tuple[str, str]]:
+    import numpy as np
+
     row = state.rows[-1]
     share = found.volume_m3 / domain.grid.volumes.sum()
     rows = [
@@ -295,11 +299,12 @@ def _numbers(
     if moved is None:
         return rows
     gap = moved.motion_m / row.motion_m - 1.0
+    turn = f", turned by {np.degrees(moved.turn):.1f} degrees" if np.isfinite(moved.turn) else ""
     return [
         *rows,
         ("motion with spring, grid", f"{1e3 * row.motion_m:.3f} mm"),
         ("motion with spring, own mesh", f"{1e3 * moved.motion_m:.3f} mm ({gap:+.1%})"),
-        ("motion without spring, own mesh", f"{1e3 * moved.free_m:.3f} mm"),
+        ("motion without spring, own mesh", f"{1e3 * moved.free_m:.3f} mm{turn}"),
         ("greatest stretch, grid and own mesh", f"{row.stretch:.3f}, {moved.stretch:.3f}{_allowed(domain)}"),
     ]
 

@@ -11,7 +11,7 @@ from soro_core.errors import ModelError
 from soro_design.fem import Mesh, SolverSettings, make_part, no_loads, solve
 from soro_design.fem.elements.solid import tables
 from soro_design.fem.solve.stretches import greatest_stretch
-from soro_design.topology.domain import NEAR, Domain, held_nodes, inside, patch
+from soro_design.topology.domain import NEAR, Domain, held_nodes, inlet_key, inside, patch
 from soro_design.topology.flood import Flood, flood, thinnest_wall, wet_faces
 from soro_design.topology.optimise import OptimiserState
 from soro_design.topology.physics.grid import place_text
@@ -35,6 +35,8 @@ class Reanalysis:
         Why there is no equilibrium, else empty.
     stretch : float
         Greatest principal stretch at a point of integration, with the spring.
+    turn : float
+        How far the output turns from y to x in a section without spring [rad]; NaN of rings and solids.
     """
 
     motion_m: float
@@ -43,6 +45,7 @@ class Reanalysis:
     free_u: Array
     cause: str
     stretch: float
+    turn: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,6 +66,8 @@ class FinalPart:
         Least distance between them [m].
     wall_at : ndarray, (d,)
         Where that is [m].
+    full : str
+        Name of the first inlet that is full of solid, else empty.
     """
 
     cut: Contour
@@ -72,6 +77,7 @@ class FinalPart:
     outer: Integers
     wall_m: float
     wall_at: Array
+    full: str = ""
 
     @property
     def volume_m3(self) -> float:
@@ -84,8 +90,8 @@ class FinalPart:
         if self.air.is_leak.any():
             at = place_text(self.cut.points[np.flatnonzero(self.air.is_leak)[0]])
             return f"the part is not sealed: air of the inlet reaches the open at {at}"
-        if not self.air.is_wet.any():
-            return "the inlet is full of solid: no air gets in"
+        if self.air.is_full.any():
+            return f"{self.full} is full of solid: no air gets in"
         return ""
 
 
@@ -99,7 +105,8 @@ def final_part(domain: Domain, cut: Contour) -> FinalPart:
     mesh = solid_mesh(domain, cut)
     air = flood(domain, cut)
     wet, outer = wet_faces(domain, cut, air, mesh)
-    return FinalPart(cut, mesh, air, wet, outer, *thinnest_wall(mesh, wet, outer))
+    full = inlet_key(domain.task, int(air.is_full.argmax())) if air.is_full.any() else ""
+    return FinalPart(cut, mesh, air, wet, outer, *thinnest_wall(mesh, wet, outer), full)
 
 
 def reanalyse(domain: Domain, found: FinalPart) -> Reanalysis:
@@ -151,7 +158,8 @@ def moved_output(domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | Non
     if len(wet):
         # The flood has named leaks; the mouth of the inlet is open.
         loads = loads.press(wet, task.schedule.pressure_pa[1], is_patch=True)
-    weights = patch(mesh, inside(goal.output, mesh.points, near), along)
+    is_there = inside(goal.output, mesh.points, near)
+    weights = patch(mesh, is_there, along)
     part = make_part(mesh, goal.law("goal.material"), loads)
     moved, causes = [], []
     for spring in (goal.spring_pa, 0.0) if depth_m is None else (goal.spring_pa * depth_m,):
@@ -162,4 +170,19 @@ def moved_output(domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | Non
         causes.append(done.cause)
     (motion, u), (free, free_u) = moved[0], moved[1] if len(moved) > 1 else (np.nan, moved[0][1])
     cause = "; ".join(cause for cause in causes if cause)
-    return Reanalysis(motion, free, u, free_u, cause, greatest_stretch(part, u))
+    is_section = mesh.space == "plane_strain" and np.isfinite(free)
+    turn = turn_of(mesh.points[is_there], free_u[is_there]) if is_section else np.nan
+    return Reanalysis(motion, free, u, free_u, cause, greatest_stretch(part, u), turn)
+
+
+def turn_of(points: Array, u: Array) -> float:
+    """Return the angle [rad] by which points turn from y to x, least squares.
+
+    Parameters
+    ----------
+    points, u : ndarray, (n, 2)
+        Places and displacements [m].
+    """
+    before, after = points - points.mean(axis=0), points + u - (points + u).mean(axis=0)
+    across = after[:, 0] * before[:, 1] - after[:, 1] * before[:, 0]
+    return float(np.arctan2(across.sum(), (before * after).sum()))

@@ -34,8 +34,10 @@ class Domain:
         Its grid.
     is_solid, is_void : ndarray of bool, (e,)
         Elements that stay so.
-    is_inlet, is_open : ndarray of bool, (n,)
-        Nodes at full pressure and at none.
+    inlets : ndarray of bool, (i, n)
+        Nodes at full pressure, of each inlet.
+    is_open : ndarray of bool, (n,)
+        Nodes at none.
     is_held : ndarray of bool, (n, d)
         Directions in which nodes do not move.
     output : ndarray, (n, d)
@@ -48,11 +50,16 @@ class Domain:
     grid: Grid
     is_solid: Flags
     is_void: Flags
-    is_inlet: Flags
+    inlets: Flags
     is_open: Flags
     is_held: Flags
     output: Array
     stretch_limit: float | None = None
+
+    @property
+    def is_inlet(self) -> Flags:
+        """Nodes at full pressure, (n,) of bool."""
+        return np.asarray(self.inlets.any(axis=0))
 
     @property
     def is_given(self) -> Flags:
@@ -108,8 +115,8 @@ def make_domain(task: Task, where: str = "task") -> Domain:
             every |= elements(region, f"{key}[{k}]")
         return every
 
-    is_inlet = nodes(task.inlet, "inlet")
-    is_open = np.zeros(len(points), dtype=bool)
+    inlets = np.array([nodes(region, inlet_key(task, k)) for k, region in enumerate(task.inlet)])
+    is_inlet, is_open = np.asarray(inlets.any(axis=0)), np.zeros(len(points), dtype=bool)
     for k, region in enumerate(task.open):
         is_open |= nodes(region, f"open[{k}]")
     is_open &= ~is_inlet
@@ -143,7 +150,12 @@ def make_domain(task: Task, where: str = "task") -> Domain:
             allowed = "elements that leave a way for material from goal.output to the air of the inlet"
             raise ConfigError(where, "void", f"{len(task.void)} regions that part them", allowed)
     limit = _stretch_limit(task, where)
-    return Domain(task, grid, is_solid, is_void, is_inlet, is_open, is_held, output, limit)
+    return Domain(task, grid, is_solid, is_void, inlets, is_open, is_held, output, limit)
+
+
+def inlet_key(task: Task, k: int) -> str:
+    """Return what errors call an inlet."""
+    return "inlet" if len(task.inlet) == 1 else f"inlet[{k}]"
 
 
 def _stretch_limit(task: Task, where: str) -> float | None:

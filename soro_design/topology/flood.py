@@ -27,11 +27,14 @@ class Flood:
         Wet, and in the open.
     is_closed : ndarray of bool, (n,)
         In void that reaches neither the inlet nor the open.
+    is_full : ndarray of bool, (i,)
+        Inlets that are full of solid.
     """
 
     is_wet: Flags
     is_leak: Flags
     is_closed: Flags
+    is_full: Flags
 
 
 def flood(domain: Domain, cut: Contour) -> Flood:
@@ -51,7 +54,8 @@ def flood(domain: Domain, cut: Contour) -> Flood:
         return np.asarray(is_void & np.isin(label, np.unique(label[is_void & with_])))
 
     wet, dry = joined(domain.is_inlet), joined(domain.is_open)
-    return Flood(wet, wet & domain.is_open, is_void & ~wet & ~dry)
+    is_full = np.asarray(~(domain.inlets & wet).any(axis=1))
+    return Flood(wet, wet & domain.is_open, is_void & ~wet & ~dry, is_full)
 
 
 def wet_faces(domain: Domain, cut: Contour, found: Flood, mesh: Mesh) -> tuple[Integers, Integers]:

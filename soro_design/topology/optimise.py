@@ -10,6 +10,7 @@ from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
+from scipy.sparse.linalg import aslinearoperator
 
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
@@ -20,6 +21,7 @@ from soro_design.topology.physics.compliance import Compliance
 from soro_design.topology.physics.filter import density_filter, greyness, projection
 from soro_design.topology.physics.grid import Evaluation, place_text
 from soro_design.topology.physics.stroke import Stroke
+from soro_design.topology.repeats import cell_mean
 from soro_design.topology.shape import mean_level, snapped
 from soro_design.topology.stretch import WATCHED, limit_of, slope_of_mean, stretched
 from soro_design.topology.task import Task
@@ -41,7 +43,7 @@ class IterationRow:
     iteration : int
         From 1.
     objective : float
-        The goal: u . K u, or -u_out / SE^m, in SI units.
+        The goal: u . K u, or -u_out / SE^m, in SI units; with a margin the mean of both parts.
     motion_m : float
         Of the output [m], NaN without one.
     volume : float
@@ -108,6 +110,8 @@ class OptimiserState:
 def first_state(domain: Domain) -> OptimiserState:
     """Return the state before the first iteration."""
     x = domain.start()
+    if domain.task.repeat is not None:
+        x = cell_mean(domain) @ x
     none = np.empty(0)
     frames = np.empty((0, len(x)), dtype=np.uint8)
     return OptimiserState(x, no_moves(), np.zeros_like(domain.output), none, none, none, frames, ())
@@ -144,6 +148,9 @@ def optimise(
     require_sealable(domain, where)
     found = analysis(domain, where)
     weights = density_filter(domain.grid, task.filter_radius_m)
+    if task.repeat is not None:
+        # Their product would have as many entries more as there are cells.
+        weights = aslinearoperator(weights) @ aslinearoperator(cell_mean(domain, where))
     state = state or first_state(domain)
     for k in range(len(state.rows), task.schedule.iterations if until is None else until):
         state = _iterate(domain, found, weights, state, k)
@@ -167,7 +174,9 @@ def require_sealable(domain: Domain, where: str) -> None:
         raise ConfigError(where, "void", place, "room for a wall between them, else no part is sealed")
 
 
-def densities(domain: Domain, weights: Any, x: Array, sharpness: float) -> tuple[Array, Array, Array]:
+def densities(
+    domain: Domain, weights: Any, x: Array, sharpness: float, margin: float = 0.0
+) -> tuple[Array, Array, Array]:
     """Return filtered and final densities (e,), and the derivative of the latter by the former.
 
     Parameters
@@ -180,11 +189,35 @@ def densities(domain: Domain, weights: Any, x: Array, sharpness: float) -> tuple
         Design variables.
     sharpness : float
         Of the projection, 0 without.
+    margin : float
+        How far above the threshold of the schedule it steps: of a thinner part.
     """
     filtered = np.clip(weights @ x, 0.0, 1.0)
-    density, slope = projection(filtered, sharpness, domain.task.schedule.threshold)
+    density, slope = projection(filtered, sharpness, domain.task.schedule.threshold + margin)
     density = np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, density))
     return filtered, density, np.where(domain.is_given, 0.0, slope)
+
+
+def designs_at(domain: Domain, weights: Any, x: Array, k: int) -> list[tuple[Array, Array, Array]]:
+    """Return `densities` of the parts whose mean goal counts in an iteration: the part, and a thinner one.
+
+    A wall or hinge that is thin in the part is torn in the thinner one, which then has another goal or none.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    weights : sparse matrix, (e, e)
+        The density filter.
+    x : ndarray, (e,)
+        Design variables.
+    k : int
+        The iteration, from 0.
+    """
+    schedule = domain.task.schedule
+    _, _, sharpness = schedule.at(k)
+    margin = schedule.margin_at(k)
+    return [densities(domain, weights, x, sharpness, by) for by in ((0.0, margin) if margin else (0.0,))]
 
 
 def _evaluated(
@@ -195,24 +228,65 @@ def _evaluated(
     return found.evaluate(density, penalty, pressure_pa, guess)
 
 
+def goal_of(
+    found: Stroke | Compliance,
+    weights: Any,
+    designs: list[tuple[Array, Array, Array]],
+    penalty: float,
+    pressure_pa: float,
+    guess: Array,
+) -> tuple[Evaluation, float, Array]:
+    """Return the evaluation of the part, and the mean goal of all parts with its slope by the variables (e,).
+
+    Parameters
+    ----------
+    found : Stroke or Compliance
+        What the goal is computed with.
+    weights : sparse matrix or linear operator, (e, e)
+        From variables to densities before their projection.
+    designs : list of tuple
+        Of `designs_at`.
+    penalty : float
+        Exponent of the stiffness.
+    pressure_pa : float
+        Of the inlet.
+    guess : ndarray, (n, d)
+        Displacements to start from [m].
+
+    Raises
+    ------
+    ModelError
+        Where one of the parts has no equilibrium.
+    """
+    every = []
+    for name, (_, density, _) in zip(("", "the part thinner by the margin: "), designs, strict=False):
+        try:
+            every.append(_evaluated(found, density, penalty, pressure_pa, guess))
+        except ModelError as error:
+            raise ModelError(f"{name}{error}", error.key) from None
+    slopes = [one.gradient * slope for one, (*_, slope) in zip(every, designs, strict=True)]
+    return every[0], float(np.mean([one.objective for one in every])), weights.T @ np.mean(slopes, axis=0)
+
+
 def _iterate(
     domain: Domain, found: Stroke | Compliance, weights: Any, state: OptimiserState, k: int
 ) -> OptimiserState:
     task = domain.task
     x = state.x
     scheduled, penalty, sharpness = task.schedule.at(k)
-    filtered, density, slope = densities(domain, weights, x, sharpness)
+    designs = designs_at(domain, weights, x, k)
+    filtered, density, slope = designs[0]
     eased = min(1.0, RISING * state.rows[-1].eased) if state.rows else 1.0
     for attempt in range(RETREATS + 1):
         pressure = eased * scheduled
         try:
-            at = _evaluated(found, density, penalty, pressure, state.u)
+            at, objective, by_x = goal_of(found, weights, designs, penalty, pressure, state.u)
             break
         except ModelError as error:
             if attempt == RETREATS:
                 raise ModelError(f"iteration {k + 1}, {pressure:.4g} Pa: {error}", error.key) from None
             eased *= EASED
-    if not np.isfinite(at.gradient).all() or not at.gradient.any():
+    if not np.isfinite(by_x).all() or not at.gradient.any():
         raise ModelError(
             f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material",
             "inlet",
@@ -232,11 +306,10 @@ def _iterate(
             by_density = slope_of_mean(found, penalty, pressure, density, at)
             limits.append(beyond)
             slopes.append(weights.T @ (by_density * slope) * (1.0 + beyond) / here.mean)
-    by_x = weights.T @ (at.gradient * slope)
     following, moves = mma_step(x, by_x, np.array(limits), np.array(slopes), (least, most), state.moves)
     row = IterationRow(
         k + 1,
-        at.objective,
+        objective,
         at.motion_m,
         volume,
         greyness(density),

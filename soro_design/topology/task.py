@@ -61,6 +61,16 @@ class Start(Strict):
     density: Annotated[float, Field(ge=0.0, le=1.0, description="a later region replaces an earlier one")]
 
 
+class Repeat(Strict):
+    """A cell that follows upon itself along an axis: lobes of a bellow, chambers of a finger."""
+
+    along: Axis
+    from_m: Annotated[float, Field(ge=0.0, description="where the first cell begins")] = 0.0
+    pitch_m: Annotated[Positive, Field(description="length of a cell, whole elements")]
+    number: Annotated[int, Field(ge=2, description="of cells")]
+    mirrored: Annotated[bool, Field(description="whether each cell is its own image")] = False
+
+
 class Stiffest(Strict):
     """The least work of the pressure on a linear part in plane stress."""
 
@@ -142,6 +152,15 @@ class Schedule(Strict):
         ),
     ] = (2.0, 4.0, 8.0)
     threshold: Annotated[Share, Field(description="density at which the projection steps")] = 0.5
+    margin: Annotated[
+        float,
+        Field(
+            ge=0.0,
+            lt=1.0,
+            description="by which a thinner part steps at a higher threshold, in the end; the goal is the "
+            "mean of both, such that walls and hinges keep a width. Twice the time after the ramp",
+        ),
+    ] = 0.0
     move: Annotated[
         float, Field(gt=0.0, le=1.0, description="greatest change of a variable in an iteration")
     ] = 0.1
@@ -150,7 +169,15 @@ class Schedule(Strict):
     def _ramp_ends(self) -> Schedule:
         if self.ramp > self.iterations:
             raise ValueError(f"ramp {self.ramp} <= iterations {self.iterations}")
+        if self.threshold + self.margin >= 1.0:
+            raise ValueError(f"threshold {self.threshold:g} + margin {self.margin:g} < 1")
+        if self.margin and not (self.sharpness and self.ramp < self.iterations):
+            raise ValueError("margin with sharpness and ramp < iterations alone: else both parts are one")
         return self
+
+    def margin_at(self, k: int) -> float:
+        """Return the margin of iteration k, from 0; it grows from the end of the ramp to the last one."""
+        return self.margin * max(k + 1 - self.ramp, 0) / max(self.iterations - self.ramp, 1)
 
     def at(self, k: int) -> tuple[float, float, float]:
         """Return pressure [Pa], penalty and sharpness (0 without projection) of iteration k, from 0."""
@@ -182,7 +209,9 @@ class Task(Strict):
     held: Annotated[
         tuple[FixedRegion, ...], Field(strict=False, min_length=1, description="nodes that do not move")
     ]
-    inlet: Annotated[Region, Field(description="nodes at full pressure")]
+    inlet: Annotated[
+        Regions, Field(min_length=1, description="nodes at full pressure; a region, or a list of them")
+    ]
     open: Annotated[
         Regions,
         Field(min_length=1, description="nodes at pressure 0; those of the inlet stay at full pressure"),
@@ -193,6 +222,9 @@ class Task(Strict):
         tuple[Start, ...],
         Field(strict=False, description="what the iterations begin with; elsewhere volume_fraction"),
     ] = ()
+    repeat: Annotated[
+        Repeat | None, Field(description="densities that come again; given elements stay as they are")
+    ] = None
     volume_fraction: Annotated[Share, Field(description="greatest share of the volume that is solid")]
     stretch_limit: Annotated[
         float | None,
@@ -215,6 +247,15 @@ class Task(Strict):
         Field(description="along z, of a part with lids, these among it; else its least length along x or y"),
     ] = None
 
+    @field_validator("inlet", mode="before")
+    @classmethod
+    def _listed(cls, value: object) -> object:
+        if isinstance(value, Mapping | Box | Disc):
+            return (value,)
+        if not isinstance(value, list | tuple) or not value:
+            raise ValueError("a region, or a list of them")
+        return value
+
     @model_validator(mode="after")
     def _fits(self) -> Task:
         if self.space != "plane_strain" and isinstance(self.goal, Stiffest):
@@ -226,6 +267,8 @@ class Task(Strict):
             if len(found) != d:
                 raise ValueError(f"{name} of {d} numbers in space {self.space}")
         along = {axis for one in self.held for axis in one.along} | set(self.mirrors)
+        if self.repeat is not None:
+            along.add(self.repeat.along)
         if d == 2 and ("z" in along or any(isinstance(r, Box) and r.z_m for r in self._regions())):
             raise ValueError("z in space solid alone")
         return self
@@ -258,7 +301,7 @@ class Task(Strict):
         return min(size * (2.0 if axis in self.mirrors else 1.0) for axis, size in sides)
 
     def _regions(self) -> Iterator[Region]:
-        yield from (self.inlet, *self.open, *self.solid, *self.void)
+        yield from (*self.inlet, *self.open, *self.solid, *self.void)
         yield from (one.where for one in self.held)
         yield from (one.where for one in self.start)
         if isinstance(self.goal, Farthest):

@@ -15,7 +15,7 @@ def bellow(**changes):
     data["goal"]["energy_exponent"] = 0.7
     for key, value in changes.items():
         is_part = isinstance(value, dict) and "kind" not in value
-        data[key] = {**data[key], **value} if is_part else value
+        data[key] = {**data.get(key, {}), **value} if is_part else value
     return task_from_dict(data)
 
 

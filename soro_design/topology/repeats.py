@@ -1,0 +1,71 @@
+"""Parts of cells that follow upon each other: one set of design variables for all cells."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from soro_core.arrays import Integers
+from soro_core.errors import ConfigError
+from soro_design.topology.domain import Domain
+
+# How far a length may be from whole elements, in elements.
+_WHOLE = 1e-3
+
+
+def cell_mean(domain: Domain, where: str = "task") -> Any:
+    """Return the matrix (e, e) of the mean over elements that repeat each other; without any the identity.
+
+    Behind it all of these have one variable: the filter times this matrix takes variables to densities, its
+    transpose takes slopes back. Given elements keep a variable of their own.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    where : str
+        File that errors name.
+
+    Raises
+    ------
+    ConfigError
+        If a cell is not of whole elements, or the cells leave the grid.
+    """
+    group = cells_of(domain, where)
+    n = len(group)
+    member = csr_matrix((np.ones(n), (group, np.arange(n))), shape=(n, n))
+    size = np.maximum(np.bincount(group, minlength=n), 1)
+    return member.T @ member.multiply(1.0 / size[:, None]).tocsr()
+
+
+def cells_of(domain: Domain, where: str = "task") -> Integers:
+    """Return the number of an element with which each of the (e,) shares its variable.
+
+    Parameters and errors as of `cell_mean`.
+    """
+    number = np.arange(len(domain.is_given))
+    one = domain.task.repeat
+    if one is None:
+        return number
+    axis = "xyz".index(one.along)
+    edge, length = domain.grid.edge_m[axis], domain.task.size_m[axis]
+    first, pitch = round(one.from_m / edge), round(one.pitch_m / edge)
+    for key, found, whole in (("from_m", one.from_m, first), ("pitch_m", one.pitch_m, max(pitch, 1))):
+        if abs(whole - found / edge) > _WHOLE:
+            allowed = f"a multiple of an element, {edge:.9g} m along {one.along}"
+            raise ConfigError(where, f"repeat.{key}", found, allowed)
+    if (end := first + pitch * one.number) > round(length / edge):
+        raise ConfigError(where, "repeat", f"cells up to {end * edge:g} m", f"up to {length:g} m")
+    place = np.rint(domain.grid.centres / np.array(domain.grid.edge_m) - 0.5).astype(int)
+    along = place[:, axis]
+    in_cell = (along - first) % pitch
+    if one.mirrored:
+        in_cell = np.minimum(in_cell, pitch - 1 - in_cell)
+    is_repeated = (along >= first) & (along < end) & ~domain.is_given
+    place[is_repeated, axis] = in_cell[is_repeated]
+    # Beyond the grid, such that a cell shares no variable with what stands before the first one.
+    place[~is_repeated, axis] += 2 * round(length / edge)
+    _, index, same = np.unique(place, axis=0, return_index=True, return_inverse=True)
+    return np.asarray(index[same.ravel()])

@@ -65,7 +65,7 @@ def topology(options: Options) -> tuple[str, str]:
         rows += _others_rows(name, _optimised(load_task(name), name, options))
     return TITLE, (
         f"{table(('case', '', 'found', 'target', ''), rows)}\n\n"
-        "Tasks: those of `config/design`. Disc, gripper and PneuNet move the wanted way where their motion "
+        "Tasks: those of `config/design`. Others move the wanted way where their motion "
         "is positive. Times are those of one core, kernels compiled. "
         "Own mesh: the part cut along the contour of its densities, computed by `soro_design.fem` "
         "([how](../docs/design.md))."

@@ -28,15 +28,13 @@ from soro_design.topology import (
     save,
     shape,
 )
-from soro_design.topology.optimise import STATE, TONES
-from soro_design.topology.pictures import picture, whole
+from soro_design.topology.optimise import STATE
+from soro_design.topology.pictures import picture
 from soro_design.topology.task import Farthest
 from tests.soro_design.fem import moving_parts as moving
 from tests.soro_design.fem.three_bellow import MATERIAL, SHAPE, THESIS
 
 SHOWN_MM = (0.0, 10.0, 20.0)
-# Task of the strip of iterations, and how many are shown.
-FILMED, FRAMES = "disc", 6
 
 
 def section(axes: Any, mesh: Mesh, u: np.ndarray, shift: float) -> None:
@@ -128,20 +126,6 @@ def picture_of_task(domain: Domain, state: OptimiserState, path: Path) -> None:
     picture(domain, state, found, moved, path)
 
 
-def picture_of_iterations(domain: Domain, state: OptimiserState, path: Path) -> None:
-    """Densities of some iterations, from the first to the last."""
-    figure = Figure(figsize=(9.0, 3.4), layout="constrained")
-    last = len(state.frames) - 1
-    x, y = (1e3 * side for side in domain.task.size_m)
-    extent = (-x if "x" in domain.task.mirrors else 0.0, x, -y if "y" in domain.task.mirrors else 0.0, y)
-    shown = [round(last * (k / (FRAMES - 1)) ** 2) for k in range(FRAMES)]
-    for axes, k in zip(figure.subplots(2, FRAMES // 2, sharex=True, sharey=True).ravel(), shown, strict=True):
-        axes.imshow(whole(domain, state.frames[k]), extent=extent, cmap="gray_r", vmin=0, vmax=TONES)
-        axes.set_title(f"iteration {k + 1}", fontsize=9)
-        axes.tick_params(labelsize=7)
-    figure.savefig(path, dpi=100)
-
-
 PARTS = {
     "bellows": picture_of_bellows,
     "paths": picture_of_paths,
@@ -166,8 +150,6 @@ def main() -> None:
             continue
         domain, state = run_of(name, options.runs)
         picture_of_task(domain, state, path)
-        if name == FILMED:
-            picture_of_iterations(domain, state, options.folder / "design_iterations.png")
 
 
 if __name__ == "__main__":

@@ -229,43 +229,41 @@ def _evaluated(
 
 
 def goal_of(
-    found: Stroke | Compliance,
-    weights: Any,
-    designs: list[tuple[Array, Array, Array]],
-    penalty: float,
-    pressure_pa: float,
-    guess: Array,
-) -> tuple[Evaluation, float, Array]:
-    """Return the evaluation of the part, and the mean goal of all parts with its slope by the variables (e,).
+    weights: Any, every: list[Evaluation], designs: list[tuple[Array, Array, Array]]
+) -> tuple[float, Array]:
+    """Return the mean goal of all parts, and its slope by the variables (e,).
 
     Parameters
     ----------
-    found : Stroke or Compliance
-        What the goal is computed with.
     weights : sparse matrix or linear operator, (e, e)
         From variables to densities before their projection.
+    every : list of Evaluation
+        Of these parts.
     designs : list of tuple
         Of `designs_at`.
-    penalty : float
-        Exponent of the stiffness.
-    pressure_pa : float
-        Of the inlet.
-    guess : ndarray, (n, d)
-        Displacements to start from [m].
-
-    Raises
-    ------
-    ModelError
-        Where one of the parts has no equilibrium.
     """
-    every = []
-    for name, (_, density, _) in zip(("", "the part thinner by the margin: "), designs, strict=False):
-        try:
-            every.append(_evaluated(found, density, penalty, pressure_pa, guess))
-        except ModelError as error:
-            raise ModelError(f"{name}{error}", error.key) from None
     slopes = [one.gradient * slope for one, (*_, slope) in zip(every, designs, strict=True)]
-    return every[0], float(np.mean([one.objective for one in every])), weights.T @ np.mean(slopes, axis=0)
+    return float(np.mean([one.objective for one in every])), weights.T @ np.mean(slopes, axis=0)
+
+
+def _retreating(
+    found: Stroke | Compliance,
+    density: Array,
+    penalty: float,
+    scheduled_pa: float,
+    eased: float,
+    guess: Array,
+) -> tuple[Evaluation, float]:
+    """Return the evaluation of a part, and the share of the scheduled pressure under which it has one."""
+    for _ in range(RETREATS):
+        try:
+            return _evaluated(found, density, penalty, eased * scheduled_pa, guess), eased
+        except ModelError:
+            eased *= EASED
+    try:
+        return _evaluated(found, density, penalty, eased * scheduled_pa, guess), eased
+    except ModelError as error:
+        raise ModelError(f"{eased * scheduled_pa:.4g} Pa: {error}", error.key) from None
 
 
 def _iterate(
@@ -277,15 +275,17 @@ def _iterate(
     designs = designs_at(domain, weights, x, k)
     filtered, density, slope = designs[0]
     eased = min(1.0, RISING * state.rows[-1].eased) if state.rows else 1.0
-    for attempt in range(RETREATS + 1):
-        pressure = eased * scheduled
-        try:
-            at, objective, by_x = goal_of(found, weights, designs, penalty, pressure, state.u)
-            break
-        except ModelError as error:
-            if attempt == RETREATS:
-                raise ModelError(f"iteration {k + 1}, {pressure:.4g} Pa: {error}", error.key) from None
-            eased *= EASED
+    try:
+        at, eased = _retreating(found, density, penalty, scheduled, eased, state.u)
+    except ModelError as error:
+        raise ModelError(f"iteration {k + 1}, {error}", error.key) from None
+    pressure, every = eased * scheduled, [at]
+    try:
+        every += [_retreating(found, one, penalty, scheduled, eased, at.u)[0] for _, one, _ in designs[1:]]
+    except ModelError:
+        # Torn altogether: the part alone counts.
+        designs = designs[:1]
+    objective, by_x = goal_of(weights, every, designs)
     if not np.isfinite(by_x).all() or not at.gradient.any():
         raise ModelError(
             f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material",

@@ -1,10 +1,12 @@
 """Cells that follow upon each other, parts of several inlets, and walls that keep a width."""
 
+from importlib import import_module
+
 import numpy as np
 import pytest
 
 from soro_core.config import with_changes
-from soro_core.errors import ConfigError
+from soro_core.errors import ConfigError, ModelError
 from soro_design.topology import (
     load_state,
     load_task,
@@ -24,6 +26,8 @@ from soro_design.topology.task import write_task
 from soro_design.topology.widths import least_widths
 from tests.refused import refused
 from tests.soro_design.topology.small import bellow
+
+optimiser = import_module("soro_design.topology.optimise")
 
 # Of 10 mm along y, between 12 elements.
 CELLS = {"along": "y", "from_m": 0.0025, "pitch_m": 0.0025, "number": 2}
@@ -135,13 +139,30 @@ def test_the_slope_of_the_mean_of_both_parts_is_that_of_differences():
     x = np.random.default_rng(4).uniform(0.2, 0.9, 200)
 
     def at(x):
-        return goal_of(found, weights, designs_at(domain, weights, x, k), 3.0, 1.0, np.empty(0))
+        designs = designs_at(domain, weights, x, k)
+        every = [found.evaluate(density, 3.0, 1.0) for _, density, _ in designs]
+        return every[0], *goal_of(weights, every, designs)
 
     part, goal, gradient = at(x)
     assert goal > part.objective  # the thinner part gives way more
     along = np.sign(gradient)
     higher, lower = (at(x + step * along)[1] for step in (1e-5, -1e-5))
     assert gradient @ along == pytest.approx((higher - lower) / 2e-5, rel=1e-6)
+
+
+def test_a_thinner_part_that_is_torn_lowers_no_pressure_and_does_not_count(monkeypatch):
+    evaluated, whole = optimiser._evaluated, []
+
+    def torn(found, density, *rest):
+        if whole and (density <= whole[-1]).all() and (density < whole[-1]).any():
+            raise ModelError("no equilibrium: torn")
+        whole.append(density)
+        return evaluated(found, density, *rest)
+
+    monkeypatch.setattr(optimiser, "_evaluated", torn)
+    found = optimise(bellow(schedule={"margin": 0.2}))
+    assert {row.eased for row in found.rows} == {1.0}
+    assert (found.x == optimise(bellow()).x).all()
 
 
 def test_the_margin_grows_after_the_ramp_and_leaves_room_for_the_threshold():

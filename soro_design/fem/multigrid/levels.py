@@ -14,7 +14,7 @@ import numpy as np
 from scipy.sparse import bsr_array, csr_array
 
 from soro_core.arrays import Array, Integers
-from soro_design.fem.multigrid.sweeps import Short, fill_rest, sweep_down, sweep_up
+from soro_design.fem.multigrid.sweeps import Short, fill_residual, sweep_down, sweep_up
 
 # Equations that are solved directly on the coarsest level.
 COARSEST = 600
@@ -77,10 +77,10 @@ class Levels:
         if depth == len(self._levels):
             return np.asarray(self._inverse @ right)
         level = self._levels[depth]
-        found, rest = np.empty_like(right), np.empty_like(right)
+        found, residual = np.empty_like(right), np.empty_like(right)
         sweep_up(level.start, level.column, level.block, level.inverse, right, found)
-        fill_rest(level.start, level.column, level.block, found, rest)
-        found += level.up @ self.cycle(level.down @ rest, depth + 1)
+        fill_residual(level.start, level.column, level.block, found, residual)
+        found += level.up @ self.cycle(level.down @ residual, depth + 1)
         sweep_down(level.start, level.column, level.block, level.inverse, right, found)
         return found
 

@@ -17,12 +17,14 @@ Short = NDArray[np.float32]
 
 
 @inner
-def _set_times(inverse: Short, a: float, b: float, c: float, i: int, out: Array) -> None:
-    """out[3 i : 3 i + 3] <- inverse block i times (a, b, c)."""
-    q = 9 * i
-    out[3 * i] = inverse[q] * a + inverse[q + 1] * b + inverse[q + 2] * c
-    out[3 * i + 1] = inverse[q + 3] * a + inverse[q + 4] * b + inverse[q + 5] * c
-    out[3 * i + 2] = inverse[q + 6] * a + inverse[q + 7] * b + inverse[q + 8] * c
+def _times(block: Short, k: int, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return block k times (x, y, z)."""
+    q = 9 * k
+    return (
+        block[q] * x + block[q + 1] * y + block[q + 2] * z,
+        block[q + 3] * x + block[q + 4] * y + block[q + 5] * z,
+        block[q + 6] * x + block[q + 7] * y + block[q + 8] * z,
+    )
 
 
 @kernel
@@ -37,16 +39,14 @@ def sweep_up(
             # What follows is still 0.
             if j >= i:
                 break
-            x, y, z, q = found[3 * j], found[3 * j + 1], found[3 * j + 2], 9 * k
-            a -= block[q] * x + block[q + 1] * y + block[q + 2] * z
-            b -= block[q + 3] * x + block[q + 4] * y + block[q + 5] * z
-            c -= block[q + 6] * x + block[q + 7] * y + block[q + 8] * z
-        _set_times(inverse, a, b, c, i, found)
+            x, y, z = _times(block, k, found[3 * j], found[3 * j + 1], found[3 * j + 2])
+            a, b, c = a - x, b - y, c - z
+        found[3 * i], found[3 * i + 1], found[3 * i + 2] = _times(inverse, i, a, b, c)
 
 
 @kernel
-def fill_rest(start: Integers, column: Integers, block: Short, found: Array, rest: Array) -> None:
-    """rest (3 n,) <- right hand side less matrix times `found`, right after `sweep_up` from 0.
+def fill_residual(start: Integers, column: Integers, block: Short, found: Array, residual: Array) -> None:
+    """residual (3 n,) <- right hand side less matrix times `found`, right after `sweep_up` from 0.
 
     What lies on and below the diagonal is met then, so this is what lies above, with the other sign.
     """
@@ -56,11 +56,9 @@ def fill_rest(start: Integers, column: Integers, block: Short, found: Array, res
             j = column[k]
             if j <= i:
                 break
-            x, y, z, q = found[3 * j], found[3 * j + 1], found[3 * j + 2], 9 * k
-            a -= block[q] * x + block[q + 1] * y + block[q + 2] * z
-            b -= block[q + 3] * x + block[q + 4] * y + block[q + 5] * z
-            c -= block[q + 6] * x + block[q + 7] * y + block[q + 8] * z
-        rest[3 * i], rest[3 * i + 1], rest[3 * i + 2] = a, b, c
+            x, y, z = _times(block, k, found[3 * j], found[3 * j + 1], found[3 * j + 2])
+            a, b, c = a - x, b - y, c - z
+        residual[3 * i], residual[3 * i + 1], residual[3 * i + 2] = a, b, c
 
 
 @kernel
@@ -74,8 +72,6 @@ def sweep_down(
             j = column[k]
             if j == i:
                 continue
-            x, y, z, q = found[3 * j], found[3 * j + 1], found[3 * j + 2], 9 * k
-            a -= block[q] * x + block[q + 1] * y + block[q + 2] * z
-            b -= block[q + 3] * x + block[q + 4] * y + block[q + 5] * z
-            c -= block[q + 6] * x + block[q + 7] * y + block[q + 8] * z
-        _set_times(inverse, a, b, c, i, found)
+            x, y, z = _times(block, k, found[3 * j], found[3 * j + 1], found[3 * j + 2])
+            a, b, c = a - x, b - y, c - z
+        found[3 * i], found[3 * i + 1], found[3 * i + 2] = _times(inverse, i, a, b, c)

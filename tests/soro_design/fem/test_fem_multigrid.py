@@ -8,7 +8,7 @@ from scipy.sparse import bsr_array, csc_array
 
 from soro_design.fem.loads import no_loads, traction
 from soro_design.fem.meshes.blocks import block
-from soro_design.fem.multigrid.sweeps import fill_rest, sweep_down, sweep_up
+from soro_design.fem.multigrid.sweeps import fill_residual, sweep_down, sweep_up
 from soro_design.fem.part import make_part
 from soro_design.fem.solve import equations, linear
 from soro_design.fem.solve.equations import Equations
@@ -49,12 +49,12 @@ def test_sweeps_solve_with_the_triangles_of_a_matrix():
         below[i : i + 3, :i] = whole[i : i + 3, :i]
         on[i : i + 3, i : i + 3] = whole[i : i + 3, i : i + 3]
     inverse = np.concatenate([np.linalg.inv(on[i : i + 3, i : i + 3]).ravel() for i in range(0, 12, 3)])
-    right, found, rest = rng.normal(size=12), np.empty(12), np.empty(12)
+    right, found, residual = rng.normal(size=12), np.empty(12), np.empty(12)
     of = rows.indptr, rows.indices, rows.data.ravel()
     sweep_up(*of, inverse, right, found)
     np.testing.assert_allclose(found, np.linalg.solve(below + on, right))
-    fill_rest(*of, found, rest)
-    np.testing.assert_allclose(rest, right - whole @ found, atol=1e-14)
+    fill_residual(*of, found, residual)
+    np.testing.assert_allclose(residual, right - whole @ found, atol=1e-14)
     before = found.copy()
     sweep_down(*of, inverse, right, found)
     np.testing.assert_allclose(found, np.linalg.solve(whole - below, right - below @ before))

@@ -55,7 +55,7 @@ def identified(options: Options) -> tuple[str, str]:
     head = ["part", "elements", "fitted, mean", "greatest", "held out, mean", "greatest", "mesh"]
     head += ["strains missed, constant", "2 modes", "under control", "min", "of them busy", "all targets"]
     text = (
-        "`soro identify-fem` of the shipped parts. Tips in % of the length: of the link against finite"
+        "`soro identify-fem` of the shipped rods. Tips in % of the length: of the link against finite"
         f" elements (targets: mean {100 * MEAN:g}, greatest {100 * MOST:g} fitted, {100 * HELD_OUT:g} held"
         " out); what the mesh leaves; and of a twin with one mode of each strain, which the controller of the"
         " link with constant strain leads along a circle, root mean square of the last 6 s (target"

@@ -112,8 +112,9 @@ class Finger:
         """Return the force at the place of touch.
 
         At rest elastic force and weight balance the pressures and J' f; of more coordinates than three the
-        force is the one whose deflection is nearest to the measured one, by energy. Without contact the
-        free shape under these pressures is the measured one, and the force 0.
+        force is the one whose deflection is nearest to the measured one, by energy; of fewer, one that is
+        against the closing alone. Without contact the free shape under these pressures is the measured one,
+        and the force 0.
 
         Parameters
         ----------
@@ -141,9 +142,9 @@ class Finger:
         skin = self._radius * way
         J = J + np.cross(turn.T, skin).T
         soft = np.linalg.solve(stiffness, J.T).T  # displacement by generalised force, (3, n_q)
-        by_force = np.linalg.solve(soft @ J.T, soft)
-        force = by_force @ missing
         by_bend = way @ soft / float(way @ soft @ J.T @ way)
+        by_force = np.linalg.solve(soft @ J.T, soft) if arm.n_q > 2 else np.outer(way, by_bend)
+        force = by_force @ missing
         noise = float(np.linalg.norm(by_bend @ stiffness * self.noise))
         axial = float(force @ along)
         across = float(np.linalg.norm(force - axial * along))

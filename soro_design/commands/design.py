@@ -299,7 +299,8 @@ def _numbers(
     if moved is None:
         return rows
     gap = moved.motion_m / row.motion_m - 1.0
-    turn = f", turned by {np.degrees(moved.turn):.1f} degrees" if np.isfinite(moved.turn) else ""
+    side, degrees = "left" if moved.turn < 0.0 else "right", np.degrees(abs(moved.turn))
+    turn = f", turned {side} by {degrees:.0f} degrees" if degrees >= 0.5 else ""
     return [
         *rows,
         ("motion with spring, grid", f"{1e3 * row.motion_m:.3f} mm"),

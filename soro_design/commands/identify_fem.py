@@ -13,7 +13,9 @@ from soro_design.commands.fem import Cluster, Jobs
 
 
 def identify_fem(
-    part: Annotated[str, name_argument("Part file of a rod, or the name of a shipped one.", "parts")],
+    part: Annotated[
+        str, name_argument("Part file of a rod or PneuNet, or the name of a shipped one.", "parts")
+    ],
     out: Annotated[Path, typer.Option(help="Robot file to write (YAML).", show_default=False)],
     run: Annotated[
         Path | None,
@@ -79,10 +81,12 @@ def identify_fem(
     file = load_part(part)
     specimen = make_specimen(file)
     if not isinstance(specimen, RodSpecimen):
-        raise ConfigError(part, "geometry.kind", file.geometry.kind, "rod_with_chambers: a robot bends")
+        raise ConfigError(
+            part, "geometry.kind", file.geometry.kind, "rod_with_chambers or pneunet: a robot bends"
+        )
     if file.contact is not None:
         raise ConfigError(part, "contact", "surfaces that touch", "none: a link touches nothing")
-    check_sweeps(file.sweeps, part)
+    check_sweeps(file.sweeps, specimen.chambers, part)
     console = Console(stderr=True)
     folder = out.with_name(f"{out.stem}_fem") if run is None else run
     if run is None:

@@ -23,7 +23,7 @@ from soro_design.parts.tendons import Routed, tensioned
 
 @dataclass(frozen=True, eq=False)
 class MeshSpecimen:
-    """A part of a mesh file, or a PneuNet.
+    """A part of a mesh file.
 
     Attributes
     ----------

@@ -29,7 +29,7 @@ from soro_design.parts.tendons import Routed, tensioned
 
 @dataclass(frozen=True, eq=False)
 class RodSpecimen:
-    """A rod with chambers, clamped at its base.
+    """A rod with chambers or a PneuNet, clamped at its base.
 
     Attributes
     ----------
@@ -136,12 +136,10 @@ def make_specimen(file: PartFile) -> Specimen:
         If an element of its mesh is inverted or degenerate, or what its file states does not fit the mesh.
     """
     try:
-        if isinstance(file.geometry, RodGeometry):
+        if isinstance(file.geometry, RodGeometry | PneunetGeometry):
             return _rod(file, file.geometry)
         if isinstance(file.geometry, MeshGeometry):
             return mesh_specimen(file, file.geometry)
-        if isinstance(file.geometry, PneunetGeometry):
-            return _pneunet(file, file.geometry)
         return _ring(file, file.geometry)
     except ModelError as error:
         got, _, allowed = str(error).partition("; allowed: ")
@@ -151,27 +149,21 @@ def make_specimen(file: PartFile) -> Specimen:
         raise ConfigError(file.name, "geometry", got, allowed) from None
 
 
-def _rod(file: PartFile, geometry: RodGeometry) -> RodSpecimen:
-    rod = rod_mesh(geometry.shape, geometry.counts)
+def _rod(file: PartFile, geometry: RodGeometry | PneunetGeometry) -> RodSpecimen:
+    if isinstance(geometry, PneunetGeometry):
+        rod, hoops = pneunet_mesh(geometry.shape, geometry.across, geometry.between), None
+    else:
+        rod, hoops = rod_mesh(geometry.shape, geometry.counts), geometry.hoops
     loads = no_loads(rod.mesh)
     for direction in range(3):
         loads = loads.hold(rod.base, direction)
-    if geometry.hoops is not None:
-        stiffness = geometry.hoops.stiffness_n * rod.hoop_spacing_m / geometry.hoops.spacing_m
+    if hoops is not None:
+        stiffness = hoops.stiffness_n * rod.hoop_spacing_m / hoops.spacing_m
         loads = loads.reinforce(fibres(rod.hoops, stiffness))
     ends = np.zeros(len(rod.mesh.points), dtype=bool)
     ends[rod.tip] = True
     part, tendons = bare_part(file, rod.mesh, loads)
     return RodSpecimen(part, rod, rod.mesh.faces_at(ends), tendons)
-
-
-def _pneunet(file: PartFile, geometry: PneunetGeometry) -> MeshSpecimen:
-    made = pneunet_mesh(geometry.shape, geometry.across, geometry.between)
-    loads = no_loads(made.mesh)
-    for direction in range(3):
-        loads = loads.hold(np.unique(made.base), direction)
-    part, _ = bare_part(file, made.mesh, loads)
-    return MeshSpecimen(part, ((made.cavity, False),), made.tip, np.empty(0, dtype=np.int64), 0)
 
 
 def _ring(file: PartFile, geometry: TubeGeometry | BellowsGeometry) -> RingSpecimen:

@@ -38,8 +38,16 @@ class Direct:
     offset_m: float
 
 
-def direct(data: Snapshots) -> Direct:
-    """Return the numbers that the states of single loads give one after the other."""
+def direct(data: Snapshots, area_m2: float | None = None) -> Direct:
+    """Return the numbers that the states of single loads give one after the other.
+
+    Parameters
+    ----------
+    data : Snapshots
+        The states.
+    area_m2 : float, optional
+        Of a single chamber, which gives the product of area and offset alone.
+    """
     L = data.length
     ends = [_smallest(data.axial, sign) for sign in (1.0, -1.0)]
     k_e = float(np.mean([s.force_n[2] / (L * data.mean(s)[0]) for s in ends if s is not None]))
@@ -53,13 +61,7 @@ def direct(data: Snapshots) -> Direct:
     whole = float(side.poses[-1][:2, 3] @ towards)
     k_b, k_b_whole = (size * L**2 / (3.0 * w) for w in (by_curvature, whole))
 
-    # n A exp(a eps) p = k_e x with the secant stiffness that an axial force has at the same length.
-    x = np.array([L * data.mean(s)[0] for s in data.even])
-    force = _axial_force(data, x)
-    pressure = np.array([s.pressures_pa.sum() for s in data.even])
-    growth = np.polyfit(x / L, np.log(force / pressure), min(1, len(x) - 1))
-    area, slope = float(np.exp(growth[-1])), float(growth[0]) if len(growth) > 1 else 0.0
-
+    area, slope = _areas(data) if area_m2 is None else (area_m2, 0.0)
     first = min(data.uneven, key=lambda s: s.load)
     moment = _moment(first)
     kappa = float(np.linalg.norm(data.mean(first)[1:]))
@@ -70,6 +72,16 @@ def _smallest(states: tuple[Backbone, ...], sign: float) -> Backbone | None:
     """State of the least force of a sign."""
     own = [s for s in states if sign * s.force_n[2] > 0.0]
     return min(own, key=lambda s: abs(s.force_n[2])) if own else None
+
+
+def _areas(data: Snapshots) -> tuple[float, float]:
+    """Area of a chamber [m2] and its slope, by equal pressures."""
+    # n A exp(a eps) p = k_e x with the secant stiffness that an axial force has at the same length.
+    x = np.array([data.length * data.mean(s)[0] for s in data.even])
+    force = _axial_force(data, x)
+    pressure = np.array([s.pressures_pa.sum() for s in data.even])
+    growth = np.polyfit(x / data.length, np.log(force / pressure), min(1, len(x) - 1))
+    return float(np.exp(growth[-1])), float(growth[0]) if len(growth) > 1 else 0.0
 
 
 def _axial_force(data: Snapshots, x: Array) -> Array:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,7 +16,7 @@ from soro_core.model.equilibrium.statics import equilibrium
 from soro_core.robot import Robot
 from soro_design.parts.sweeps import Backbone
 from soro_design.robot_of_part.direct import Direct
-from soro_design.robot_of_part.link import Template, parameters, robot_of
+from soro_design.robot_of_part.link import Template, completed, parameters, robot_of
 from soro_design.robot_of_part.snapshots import Snapshots
 from soro_lab.identification.fit import Fit, fit
 
@@ -76,21 +76,24 @@ def refine(data: Snapshots, known: Template, start: Direct, strains: Mapping[str
         Key `strains` of the robot file, for a link with modes.
     """
     bare = weightless(known)
-    states = (*data.even, *data.uneven)
+    states = data.fitted
     n = len(known.strains)
-    begin = [data.mean(state)[:n] if strains is None else None for state in states]
+    begin = [data.coordinates(state, n) if strains is None else None for state in states]
 
-    def residuals(values: Mapping[str, float]) -> Array:
+    def residuals(found: Mapping[str, float]) -> Array:
+        values = completed(known, start, found)
         arm = SoftArm(robot_of(bare, values, strains))
         tips = []
         for k, state in enumerate(states):
-            q = equilibrium(arm, state.pressures_pa, begin[k])
+            q = equilibrium(arm, state.pressures_pa, begin[k], wrench=_held_force(arm, state.force_n))
             # The search for modes from the straight arm is long; the first candidate lies near all others.
             begin[k] = q if begin[k] is None else begin[k]
             tips.append(arm.pose(q, data.length)[:3, 3] - state.poses[-1][:3, 3])
-        return np.concatenate([np.ravel(tips), _lengths(data, values)]) / (UNIT * data.length)
+        lengths = _lengths(data, values) if known.chambers > 1 else np.empty(0)
+        return np.concatenate([np.ravel(tips), lengths]) / (UNIT * data.length)
 
-    return fit(parameters(start), residuals, "linear", max_iterations=40)
+    found = fit(parameters(known, start), residuals, "linear", max_iterations=40)
+    return replace(found, values=completed(known, start, found.values))
 
 
 def tip_errors(data: Snapshots, robot: Robot, states: Sequence[Backbone]) -> list[TipError]:
@@ -107,11 +110,24 @@ def tip_errors(data: Snapshots, robot: Robot, states: Sequence[Backbone]) -> lis
     arm = SoftArm(robot.replace(gravity=[0.0, 0.0, 0.0], base_quaternion=[0.0, 0.0, 0.0, 1.0]))
     found = []
     for state in states:
-        q = equilibrium(arm, state.pressures_pa, None if robot.varies else data.mean(state)[: robot.n_q])
+        start = None if robot.varies else data.coordinates(state, robot.n_q)
+        q = equilibrium(arm, state.pressures_pa, start, wrench=_held_force(arm, state.force_n))
         places = np.array([arm.pose(q, s)[:3, 3] for s in data.z - data.z[0]])
         far = float(np.linalg.norm(places[-1] - state.poses[-1][:3, 3]))
         found.append(TipError(state, q, places, far / data.length, data.motion(state) / data.length))
     return found
+
+
+def _held_force(arm: SoftArm, force_n: Array) -> Callable[[Array], Array] | None:
+    """Return the wrench at the tip of a force whose direction is held in the world; None without one."""
+    if not force_n.any():
+        return None
+    length = arm.robot.length
+
+    def wrench(q: Array) -> Array:
+        return np.concatenate([np.zeros(3), arm.pose(q, length)[:3, :3].T @ force_n])
+
+    return wrench
 
 
 def _lengths(data: Snapshots, values: Mapping[str, float]) -> Array:

@@ -1,4 +1,4 @@
-"""The link that stands for a rod: its unknown numbers, and the robot that they make."""
+"""The link that stands for a rod or PneuNet: its unknown numbers, and the robot that they make."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from soro_core.robot import Robot, robot_from_dict
 from soro_design.parts.file import PartFile
+from soro_design.parts.geometry import PneunetGeometry
 from soro_design.parts.specimen import RodSpecimen
 from soro_design.robot_of_part.direct import Direct
 from soro_lab.identification.fit import Parameter
@@ -29,9 +30,9 @@ class Template:
     name : str
         Of the robot.
     length_m, radius_m, mass_kg : float
-        Of the rod; the radius of a round solid section of the same area.
+        Of the part; the radius of a round solid section of the same area.
     area_m2, second_moment_m4 : float
-        Of the material of a section.
+        Of the material of a section; of a PneuNet its mean, and that of solid rubber as stiff as it is.
     chambers : int
         Chambers, evenly around the axis.
     pressure_range_pa : tuple of float
@@ -56,18 +57,20 @@ class Template:
 
     @property
     def strains(self) -> tuple[str, ...]:
-        """Of the link; two chambers bend it in their plane alone, so that it has no strain across that."""
+        """Of the link; two chambers bend it in their plane alone, one does at the length of its layer."""
+        if self.chambers == 1:
+            return ("bending_x",)
         return ("elongation", "bending_x") if self.chambers == 2 else ("elongation", "bending_x", "bending_y")
 
     @property
     def damping(self) -> tuple[float, ...]:
         """Of its strains: 3 eta A and 3 eta I along the length, docs/model.md (20)."""
         eta_l = 3.0 * self.viscosity_pa_s * self.length_m
-        bending = eta_l * self.second_moment_m4
-        return (eta_l * self.area_m2, bending, bending)[: len(self.strains)]
+        own = {"elongation": self.area_m2}
+        return tuple(eta_l * own.get(name, self.second_moment_m4) for name in self.strains)
 
 
-def template(file: PartFile, specimen: RodSpecimen, name: str) -> Template:
+def template(file: PartFile, specimen: RodSpecimen, name: str, start: Direct) -> Template:
     """Return what a part file and its mesh say of the link.
 
     Parameters
@@ -77,20 +80,28 @@ def template(file: PartFile, specimen: RodSpecimen, name: str) -> Template:
         Made of it.
     name : str
         Of the robot.
+    start : Direct
+        What single loads give.
     """
     rod, mesh, part = specimen.rod, specimen.part.mesh, specimen.part
-    section = mesh.points[rod.sections[0]]
-    # Of a tapered rod, the section in the middle.
-    size = float(np.ptp(mesh.points[rod.sections[len(rod.sections) // 2], 0]) / np.ptp(section[:, 0]))
-    area = float(rod.share.sum()) * size**2
+    section, length = mesh.points[rod.sections[0]], float(np.ptp(specimen.z))
+    if isinstance(file.geometry, PneunetGeometry):
+        # Its walls fold, so that no section says how much rubber bends.
+        area = float(part.volume.sum()) / length
+        second_moment = start.k_b_nm * length / (3.0 * part.material.shear_modulus_pa)
+    else:
+        # Of a tapered rod, the section in the middle.
+        size = float(np.ptp(mesh.points[rod.sections[len(rod.sections) // 2], 0]) / np.ptp(section[:, 0]))
+        area = float(rod.share.sum()) * size**2
+        second_moment = float(rod.share @ section[:, 0] ** 2) * size**4
     pressures = [pressure for sweep in file.sweeps for pressure in sweep.pressures_pa]
     return Template(
         name,
-        float(np.ptp(specimen.z)),
+        length,
         float(np.sqrt(area / np.pi)),
         float(part.volume.sum() * part.material.density_kg_per_m3),
         area,
-        float(rod.share @ section[:, 0] ** 2) * size**4,
+        second_moment,
         specimen.chambers,
         (min(0.0, *pressures), max(0.0, *pressures)),
         file.viscosity_pa_s,
@@ -99,7 +110,7 @@ def template(file: PartFile, specimen: RodSpecimen, name: str) -> Template:
     )
 
 
-def parameters(start: Direct) -> list[Parameter]:
+def parameters(known: Template, start: Direct) -> list[Parameter]:
     """Return the unknowns of a link with the bounds of a joint fit.
 
     k(s) = level + (level - rest) (tanh^2(rate s) - 1), so that `rest` is the stiffness at rest, which a known
@@ -110,6 +121,9 @@ def parameters(start: Direct) -> list[Parameter]:
         return Parameter(name, value, (1.0 - share) * value, (1.0 + share) * value)
 
     k_e, k_b = start.k_e_n_per_m, start.k_b_nm
+    slope = Parameter("area_slope", float(np.clip(start.area_slope, -SLOPE, SLOPE)), -SLOPE, SLOPE, 1.0)
+    if known.chambers == 1:
+        return [near("k_b_rest", k_b, ARM), near("offset_m", start.offset_m, ARM), slope]
     return [
         near("k_e_rest", k_e, FORCES),
         Parameter("k_e_level", 0.8 * k_e, k_e / LEVEL, LEVEL * k_e),
@@ -119,15 +133,28 @@ def parameters(start: Direct) -> list[Parameter]:
         Parameter("k_b_rate", 2.0, 0.1, 20.0),
         near("area_m2", start.area_m2, AREA),
         near("offset_m", start.offset_m, ARM),
-        Parameter("area_slope", float(np.clip(start.area_slope, -SLOPE, SLOPE)), -SLOPE, SLOPE, 1.0),
+        slope,
     ]
 
 
-def at_bound(start: Direct, values: Mapping[str, float]) -> list[str]:
+def completed(known: Template, start: Direct, values: Mapping[str, float]) -> dict[str, float]:
+    """Return the numbers of a link with those that a fit of a single chamber does not find.
+
+    Its link keeps its length, its pressure acts by area times offset alone, and what bends it less and less
+    is the chamber (`area_slope`): its stiffness is one number.
+    """
+    if known.chambers > 1:
+        return dict(values)
+    k_e = start.k_e_n_per_m
+    fixed = {"k_e_rest": k_e, "k_e_level": k_e, "k_e_rate": 50.0, "k_b_rate": 2.0, "area_m2": start.area_m2}
+    return {**fixed, "k_b_level": values["k_b_rest"], **values}
+
+
+def at_bound(known: Template, start: Direct, values: Mapping[str, float]) -> list[str]:
     """Return the numbers that a fit would move farther than it may."""
     return [
         p.name
-        for p in parameters(start)
+        for p in parameters(known, start)
         if min(values[p.name] - p.lower, p.upper - values[p.name]) < 1e-3 * (p.upper - p.lower)
     ]
 
@@ -175,7 +202,7 @@ def robot_keys(
     damping = known.damping
     if strains is not None:
         strains = {name: strains[name] for name in known.strains}
-    elif len(known.strains) < 3:
+    elif len(known.strains) < 3:  # not what a file without them has
         strains = {name: {"basis": "constant"} for name in known.strains}
     if strains is not None:
         each = [field.get("modes", 1) for field in strains.values()]

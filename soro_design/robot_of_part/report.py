@@ -56,7 +56,7 @@ def content_of(found: PartIdentification, source: str, file: str, accept: float)
             **single_loads(found.start),
             "k_b_rest_whole_deflection": found.start.k_b_whole_nm,
         },
-        "at_bound": at_bound(found.start, found.values),
+        "at_bound": at_bound(found.known, found.start, found.values),
         "modes": [[vars(one) for one in pair] for pair in found.kept],
         "strength": list(found.strength),
         "mesh": None if mesh is None else {**vars(mesh), "error": mesh.error, "of_motion": mesh.of_motion},

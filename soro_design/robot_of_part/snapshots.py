@@ -20,7 +20,7 @@ _NEEDED = {
     "lateral": "force_n: [F, 0, 0], which gives the bending stiffness",
     "even": "equal pressures in all chambers, which give their area",
     "uneven": "a pressure in one chamber, which gives its distance from the axis",
-    "held_out": "other pressures with held_out: true, which judge the result",
+    "held_out": "other pressures, or pressures and a force, with held_out: true, which judge the result",
 }
 
 
@@ -33,8 +33,8 @@ class Snapshots:
     z : ndarray, (s,)
         Undeformed places of the sections [m].
     axial, lateral, even, uneven, held_out : tuple of Backbone
-        Under a force along the axis; under one across it; under equal pressures; under other pressures; and
-        under pressures that judge the result.
+        Under a force along the axis; under one across it; under equal pressures; under other pressures, of a
+        single chamber the same; and under loads that judge the result.
     """
 
     z: Array
@@ -49,6 +49,11 @@ class Snapshots:
         """Of the rod [m]."""
         return float(self.z[-1] - self.z[0])
 
+    @property
+    def fitted(self) -> tuple[Backbone, ...]:
+        """States whose tips a fit reads: under pressures, with a single chamber under a force across too."""
+        return (*self.even, *self.lateral) if self.even is self.uneven else (*self.even, *self.uneven)
+
     def strains(self, state: Backbone) -> Array:
         """Return elongation and bending_x, bending_y [1/m] between the sections, (s - 1, 3)."""
         found = section_strains(state.poses, self.z)
@@ -57,6 +62,10 @@ class Snapshots:
     def motion(self, state: Backbone) -> float:
         """Return how far the tip is from where it is undeformed [m]."""
         return float(np.linalg.norm(state.poses[-1][:3, 3] - [0.0, 0.0, self.z[-1]]))
+
+    def coordinates(self, state: Backbone, n: int) -> Array:
+        """Return the means (n,) of the strains that a link of constant strain with so many has."""
+        return self.mean(state)[[1]] if n == 1 else self.mean(state)[:n]
 
     def mean(self, state: Backbone) -> Array:
         """Return the means (3,) of these strains along the rod."""
@@ -81,36 +90,40 @@ def snapshots(z: Array, states: Sequence[Backbone], where: str) -> Snapshots:
         If a sweep mixes pressures and forces, or a kind that is needed is missing.
     """
     kinds = [_kind(s.sweep, s.pressures_pa, s.force_n, s.held_out, where) for s in states]
-    _require(kinds, [state.sweep for state in states], where)
-    return Snapshots(
-        z, **{name: tuple(s for s, k in zip(states, kinds, strict=True) if k == name) for name in _NEEDED}
-    )
+    is_single = len(states[0].pressures_pa) == 1
+    _require(kinds, [state.sweep for state in states], is_single, where)
+    found = {name: tuple(s for s, k in zip(states, kinds, strict=True) if k == name) for name in _NEEDED}
+    if is_single:
+        found["uneven"] = found["even"]
+    return Snapshots(z, **found)
 
 
-def check_sweeps(sweeps: Sequence[LoadSweep], where: str) -> None:
-    """Refuse sweeps that do not suffice before they are computed; errors as in `snapshots`."""
+def check_sweeps(sweeps: Sequence[LoadSweep], chambers: int, where: str) -> None:
+    """Refuse sweeps that do not suffice for so many chambers before they are computed; errors as above."""
     for sweep in sweeps:
         if any(sweep.tensions_n):
             allowed = "none: `soro identify-fem` gives a robot chambers alone; leave sweeps of tendons out"
             raise ConfigError(where, f"sweeps.{sweep.name}.tensions_n", list(sweep.tensions_n), allowed)
     kinds = [_kind(s.name, np.array(s.pressures_pa), np.array(s.force_n), s.held_out, where) for s in sweeps]
-    _require(kinds, [sweep.name for sweep in sweeps], where)
+    _require(kinds, [sweep.name for sweep in sweeps], chambers == 1, where)
 
 
-def _require(kinds: Sequence[str], names: Sequence[str], where: str) -> None:
+def _require(kinds: Sequence[str], names: Sequence[str], is_single: bool, where: str) -> None:
     for kind, allowed in _NEEDED.items():
-        if kind not in kinds:
+        if kind not in kinds and not (is_single and kind == "uneven"):
             got = ", ".join(dict.fromkeys(names)) or "none"
             raise ConfigError(where, "sweeps", got, f"also a sweep with {allowed}")
 
 
 def _kind(sweep: str, pressures: Array, force: Array, held_out: bool, where: str) -> str:
+    if held_out and pressures.any():
+        return "held_out"
     across = bool(np.hypot(force[0], force[1]) > 0.0)
     if (pressures.any() and force.any()) or (across and force[2]):
-        allowed = "pressures alone, a force along z alone or a force across it"
+        allowed = (
+            "pressures alone, a force along z alone or a force across it; all at once with held_out: true"
+        )
         raise ConfigError(where, f"sweeps.{sweep}", "several at once", allowed)
     if force.any():
         return "lateral" if across else "axial"
-    if held_out:
-        return "held_out"
     return "even" if np.ptp(pressures) == 0.0 else "uneven"

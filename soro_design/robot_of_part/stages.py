@@ -12,7 +12,7 @@ from soro_core.arrays import Array
 from soro_core.config import with_changes
 from soro_core.robot import Robot
 from soro_design.parts.file import LoadSweep, PartFile
-from soro_design.parts.geometry import RodGeometry
+from soro_design.parts.geometry import PneunetGeometry, RodGeometry
 from soro_design.parts.specimen import RodSpecimen, make_specimen
 from soro_design.parts.sweeps import backbone, follow
 from soro_design.robot_of_part.direct import Direct, direct
@@ -140,8 +140,10 @@ def identify(
     progress : callable
         Called with the name of each stage.
     """
-    known, start = template(file, specimen, name), direct(data)
-    pressed = (*data.even, *data.uneven)
+    shape = file.geometry.shape if isinstance(file.geometry, PneunetGeometry) else None
+    start = direct(data, shape.chamber_area_m2 if shape else None)
+    known = template(file, specimen, name, start)
+    pressed = data.fitted
     progress("modes")
     found = modes(data, pressed, MOST_MODES)
     compared = []
@@ -176,9 +178,10 @@ def mesh_check(file: PartFile, specimen: RodSpecimen, data: Snapshots) -> MeshCh
     data : Snapshots
     """
     geometry = file.geometry
-    assert isinstance(geometry, RodGeometry)
-    halved: dict[str, Any] = {"around": max(2, geometry.around // 2)}
-    halved |= {key: max(1, getattr(geometry, key) // 2) for key in ("across", "along", "plug")}
+    assert isinstance(geometry, RodGeometry | PneunetGeometry)
+    least = {"around": 2, "across": 1, "along": 1, "plug": 1, "between": 1}
+    counts = {key: count for key, count in least.items() if key in type(geometry).model_fields}
+    halved: dict[str, Any] = {key: max(count, getattr(geometry, key) // 2) for key, count in counts.items()}
     coarse = make_specimen(with_changes(file, geometry=with_changes(geometry, **halved)))
     assert isinstance(coarse, RodSpecimen)
     name = data.uneven[0].sweep

@@ -153,7 +153,7 @@ def quality(found: PartIdentification) -> list[str]:
         lines.append(link_verdict(found.constant, found.held_out, n, found.kept[n][1]))
     if found.is_interrupted:
         lines.append("Interrupted: the numbers are the best until then.")
-    stuck = at_bound(found.start, found.values)
+    stuck = at_bound(found.known, found.start, found.values)
     if stuck:
         lines.append(f"At a bound, so that other loads would say more: {', '.join(stuck)}.")
     return lines
@@ -176,7 +176,7 @@ def refusal(found: PartIdentification, accept: float) -> str:
         one_sided = "; a tendon with stiffness_n on one side bends it, for which a link has no law"
         why = one_sided if found.has_stiff_tendon else ""
         return f"{greatest(found)}; allowed: {100.0 * OF_MOTION:g} % of its motion{why}"
-    stuck = [name for name in at_bound(found.start, found.values) if name not in GIVEN]
+    stuck = [name for name in at_bound(found.known, found.start, found.values) if name not in GIVEN]
     if stuck:
         return (
             f"{', '.join(stuck)} at a bound: the link has no law for what the part does, or its sweeps are"

@@ -11,7 +11,7 @@ from soro_core.errors import ModelError
 from soro_design.fem import Mesh, SolverSettings, make_part, no_loads, solve
 from soro_design.fem.elements.solid import tables
 from soro_design.fem.solve.stretches import greatest_stretch
-from soro_design.topology.domain import NEAR, Domain, held_nodes, inlet_key, inside, patch
+from soro_design.topology.domain import NEAR, Domain, held_nodes, inlet_key, inside, output_at, output_weights
 from soro_design.topology.flood import Flood, flood, thinnest_wall, wet_faces
 from soro_design.topology.optimise import OptimiserState
 from soro_design.topology.physics.grid import place_text
@@ -145,21 +145,19 @@ def moved_output(domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | Non
     if not isinstance(goal, Farthest):
         raise ModelError("a goal without an output has no motion; allowed: goal.kind farthest", "goal")
     near = NEAR * min(domain.grid.edge_m)
-    is_held, along = held_nodes(task, mesh.points, near), np.array(goal.direction)
+    is_held = held_nodes(task, mesh.points, near)
     if depth_m is not None:
         clamped = [one.where for one in task.held if {"x", "y"} <= set(one.along)]
         is_held[:, 2] = np.any(
             [mesh.points[:, 2] == 0.0, *(inside(r, mesh.points, near) for r in clamped)], 0
         )
-        along = np.append(along, 0.0)
     loads = no_loads(mesh)
     for axis, of_axis in enumerate(is_held.T):
         loads = loads.hold(of_axis, axis)
     if len(wet):
         # The flood has named leaks; the mouth of the inlet is open.
         loads = loads.press(wet, task.schedule.pressure_pa[1], is_patch=True)
-    is_there = inside(goal.output, mesh.points, near)
-    weights = patch(mesh, is_there, along)
+    weights = output_weights(goal, mesh, near)
     part = make_part(mesh, goal.law("goal.material"), loads)
     moved, causes = [], []
     for spring in (goal.spring_pa, 0.0) if depth_m is None else (goal.spring_pa * depth_m,):
@@ -171,6 +169,7 @@ def moved_output(domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | Non
     (motion, u), (free, free_u) = moved[0], moved[1] if len(moved) > 1 else (np.nan, moved[0][1])
     cause = "; ".join(cause for cause in causes if cause)
     is_section = mesh.space == "plane_strain" and np.isfinite(free)
+    is_there, _ = output_at(goal, mesh.points, near)
     turn = turn_of(mesh.points[is_there], free_u[is_there]) if is_section else np.nan
     return Reanalysis(motion, free, u, free_u, cause, greatest_stretch(part, u), turn)
 

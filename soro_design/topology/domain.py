@@ -136,14 +136,17 @@ def make_domain(task: Task, where: str = "task") -> Domain:
         raise ConfigError(where, "volume_fraction", task.volume_fraction, "more than the share in `solid`")
     output = np.zeros(points.shape)
     if isinstance(task.goal, Farthest):
+        for k, region in enumerate(task.goal.output):
+            nodes(region, _key("goal.output", task.goal.output, k))
+        told = "; ".join(str(_told(region)) for region in task.goal.output)
         try:
-            output = patch(grid.mesh, nodes(task.goal.output, "goal.output"), np.array(task.goal.direction))
+            output = output_weights(task.goal, grid.mesh, near)
         except ModelError:
             allowed = "faces of the border, no single node and nothing inside"
-            raise ConfigError(where, "goal.output", _told(task.goal.output), allowed) from None
+            raise ConfigError(where, "goal.output", told, allowed) from None
         if not (output[~is_held] != 0.0).any():
             allowed = "an output that can move: `held` holds all of it in that direction"
-            raise ConfigError(where, "goal.output", _told(task.goal.output), allowed)
+            raise ConfigError(where, "goal.output", told, allowed)
         output = np.where(is_held, 0.0, output)
         moved = joined(grid.mesh.cells[~is_void], (output != 0.0).any(axis=1))
         if not (moved & (joined(grid.mesh.cells[is_void], is_inlet) | is_inlet)).any():
@@ -155,7 +158,12 @@ def make_domain(task: Task, where: str = "task") -> Domain:
 
 def inlet_key(task: Task, k: int) -> str:
     """Return what errors call an inlet."""
-    return "inlet" if len(task.inlet) == 1 else f"inlet[{k}]"
+    return _key("inlet", task.inlet, k)
+
+
+def _key(name: str, regions: tuple[Box | Disc, ...], k: int) -> str:
+    """The key of one of several regions, or of the only one."""
+    return name if len(regions) == 1 else f"{name}[{k}]"
 
 
 def _stretch_limit(task: Task, where: str) -> float | None:
@@ -257,29 +265,54 @@ def size_text(task: Task) -> str:
     )
 
 
-def patch(mesh: Mesh, is_there: Flags, along: Array) -> Array:
-    """Return weights (n, d) that make the mean motion of a patch of the border along a direction.
+def output_at(goal: Farthest, points: Array, near: float) -> tuple[Flags, Array]:
+    """Return which points (n,) are of the output, and unit vectors (n, d) along which their motion counts.
 
     Parameters
     ----------
+    goal : Farthest
+        With a direction, or a point to turn about.
+    points : ndarray, (n, d)
+        Points [m]; d may be 3 for a goal of a section.
+    near : float
+        Distance from the border of a region that still counts [m].
+    """
+    is_there = np.any([inside(region, points, near) for region in goal.output], axis=0)
+    along = np.zeros(points.shape)
+    if goal.about_m is None:
+        assert goal.direction is not None
+        along[:, : len(goal.direction)] = goal.direction
+    else:
+        x, y = (points[:, :2] - goal.about_m).T
+        along[:, :2] = np.stack([-y, x], axis=1)
+    length = np.linalg.norm(along, axis=1, keepdims=True)
+    return is_there, along / np.where(length > 0.0, length, 1.0)
+
+
+def output_weights(goal: Farthest, mesh: Mesh, near: float) -> Array:
+    """Return weights (n, d) that make the mean motion of the output, a patch of the border of a mesh.
+
+    Parameters
+    ----------
+    goal : Farthest
+        The goal.
     mesh : Mesh
-        The mesh.
-    is_there : ndarray of bool, (n,)
-        Nodes of the patch.
-    along : ndarray, (d,)
-        The direction; its length plays no part.
+        The mesh, in the space of the task or a solid above its section.
+    near : float
+        Distance from the border of a region that still counts [m].
 
     Raises
     ------
     ModelError
         If no face of the border has all its nodes there.
     """
-    faces = mesh.faces_at(np.asarray(is_there))
+    is_there, along = output_at(goal, mesh.points, near)
+    faces = mesh.faces_at(is_there)
     weight = np.zeros(len(mesh.points))
     # With middles of edges the mean is that of these: of a triangle exactly, else of what is linear.
     counted = faces[:, faces.shape[1] // 2 :] if faces.shape[1] > 4 else faces
     np.add.at(weight, counted, np.linalg.norm(normals(mesh.points, faces), axis=1)[:, None])
-    return np.asarray((weight / weight.sum())[:, None] * along / np.linalg.norm(along))
+    return np.asarray((weight / weight.sum())[:, None] * along)
 
 
 def normals(points: Array, faces: Integers) -> Array:

@@ -19,7 +19,7 @@ from soro_design.fem import Mesh, make_mesh
 from soro_design.fem.meshes.hexahedra import extruded_mesh
 from soro_design.fem.meshes.surface import solid_surface
 from soro_design.topology.check import Reanalysis, final_part, moved_output, reanalyse
-from soro_design.topology.domain import NEAR, Domain, inside, make_domain
+from soro_design.topology.domain import NEAR, Domain, make_domain, output_at
 from soro_design.topology.flood import flood
 from soro_design.topology.section import mirrored_surface
 from soro_design.topology.shape import Contour, contour_level, cut_quads, joined_with_output, snapped
@@ -191,13 +191,14 @@ def _in_the_middle(domain: Domain, mesh: Mesh, u: Array) -> float:
     """Mean motion [m] of the edges of the output in the plane z = 0, of hex20 displaced by u (n, 3) [m]."""
     goal = domain.task.goal
     assert isinstance(goal, Farthest)
-    faces = mesh.faces_at(inside(goal.output, mesh.points, NEAR * min(domain.grid.edge_m)))
+    is_there, along = output_at(goal, mesh.points, NEAR * min(domain.grid.edge_m))
+    faces = mesh.faces_at(is_there)
     is_low = mesh.points[faces][..., 2] == 0.0
     faces, is_low = faces[is_low.any(axis=1)], is_low[is_low.any(axis=1)]
     ends = mesh.points[faces[:, :4][is_low[:, :4]].reshape(-1, 2)]
     length = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
-    along = np.array([*goal.direction, 0.0]) / np.linalg.norm(goal.direction)
-    return float(length @ (u[faces[:, 4:][is_low[:, 4:]]] @ along) / length.sum())
+    middles = faces[:, 4:][is_low[:, 4:]]
+    return float(length @ (u[middles] * along[middles]).sum(axis=1) / length.sum())
 
 
 def lidded_surface(domain: Domain, cut: Contour) -> tuple[Array, Integers]:

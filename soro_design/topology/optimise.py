@@ -60,6 +60,8 @@ class IterationRow:
         Pressure over that of the schedule.
     stretch : float
         Greatest principal stretch of the part, NaN where the task has no limit of it.
+    thinner_pa : float
+        Pressure of the thinner part, NaN where the part alone counts.
     """
 
     iteration: int
@@ -73,6 +75,7 @@ class IterationRow:
     sharpness: float
     eased: float
     stretch: float = np.nan
+    thinner_pa: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,7 +113,7 @@ class OptimiserState:
 def first_state(domain: Domain) -> OptimiserState:
     """Return the state before the first iteration."""
     x = domain.start()
-    if domain.task.repeat is not None:
+    if domain.task.shares_variables:
         x = cell_mean(domain) @ x
     none = np.empty(0)
     frames = np.empty((0, len(x)), dtype=np.uint8)
@@ -148,7 +151,7 @@ def optimise(
     require_sealable(domain, where)
     found = analysis(domain, where)
     weights = density_filter(domain.grid, task.filter_radius_m)
-    if task.repeat is not None:
+    if task.shares_variables:
         # Their product would have as many entries more as there are cells.
         weights = aslinearoperator(weights) @ aslinearoperator(cell_mean(domain, where))
     state = state or first_state(domain)
@@ -279,9 +282,11 @@ def _iterate(
         at, eased = _retreating(found, density, penalty, scheduled, eased, state.u)
     except ModelError as error:
         raise ModelError(f"iteration {k + 1}, {error}", error.key) from None
-    pressure, every = eased * scheduled, [at]
+    pressure, every, thinner_pa = eased * scheduled, [at], np.nan
     try:
-        every += [_retreating(found, one, penalty, scheduled, eased, at.u)[0] for _, one, _ in designs[1:]]
+        for _, one, _ in designs[1:]:
+            thinner, share = _retreating(found, one, penalty, scheduled, eased, at.u)
+            every, thinner_pa = [at, thinner], share * scheduled
     except ModelError:
         # Torn altogether: the part alone counts.
         designs = designs[:1]
@@ -319,6 +324,7 @@ def _iterate(
         sharpness,
         eased,
         stretch,
+        thinner_pa,
     )
     frame = np.round(TONES * density).astype(np.uint8)
     return OptimiserState(

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from soro_core.arrays import Integers
+from soro_core.arrays import Flags, Integers
 from soro_core.errors import ConfigError
 from soro_design.topology.domain import Domain
 
@@ -47,6 +47,9 @@ def cells_of(domain: Domain, where: str = "task") -> Integers:
     """
     number = np.arange(len(domain.is_given))
     one = domain.task.repeat
+    place = np.rint(domain.grid.centres / np.array(domain.grid.edge_m) - 0.5).astype(int)
+    if domain.task.quarter_turns:
+        return _turned(place, domain.is_given)
     if one is None:
         return number
     axis = "xyz".index(one.along)
@@ -58,7 +61,6 @@ def cells_of(domain: Domain, where: str = "task") -> Integers:
             raise ConfigError(where, f"repeat.{key}", found, allowed)
     if (end := first + pitch * one.number) > round(length / edge):
         raise ConfigError(where, "repeat", f"cells up to {end * edge:g} m", f"up to {length:g} m")
-    place = np.rint(domain.grid.centres / np.array(domain.grid.edge_m) - 0.5).astype(int)
     along = place[:, axis]
     in_cell = (along - first) % pitch
     if one.mirrored:
@@ -69,3 +71,13 @@ def cells_of(domain: Domain, where: str = "task") -> Integers:
     place[~is_repeated, axis] += 2 * round(length / edge)
     _, index, same = np.unique(place, axis=0, return_index=True, return_inverse=True)
     return np.asarray(index[same.ravel()])
+
+
+def _turned(place: Integers, is_given: Flags) -> Integers:
+    """The numbers of `cells_of` of a square whose elements (e, 2) come again with each quarter turn."""
+    n = place[:, 0].max() + 1
+    number = np.empty((n, n), dtype=int)
+    number[tuple(place.T)] = np.arange(len(place))
+    turned = np.array([np.rot90(number, k)[tuple(place.T)] for k in range(4)])
+    least = np.where(is_given[turned], len(place), turned).min(axis=0)
+    return np.asarray(np.where(is_given, np.arange(len(place)), least))

@@ -11,7 +11,6 @@ import yaml
 from pydantic import Field, field_validator, model_validator
 
 from soro_core.config import Strict, find_config, parse, read_yaml, with_changes
-from soro_core.errors import ConfigError
 from soro_design.fem.elements.material import Material, load_material, material_from_dict
 
 Positive = Annotated[float, Field(gt=0.0)]
@@ -42,6 +41,15 @@ class Disc(Strict):
 
 Region = Annotated[Box | Disc, Field(discriminator="kind")]
 Regions = Annotated[tuple[Region, ...], Field(strict=False)]
+
+
+def _one_or_more(value: object) -> object:
+    """Return a region as a list of one."""
+    if isinstance(value, Mapping | Box | Disc):
+        return (value,)
+    if not isinstance(value, list | tuple) or not value:
+        raise ValueError("a region, or a list of them")
+    return tuple(value)
 
 
 class FixedRegion(Strict):
@@ -90,8 +98,17 @@ class Farthest(Strict):
     poisson_ratio: Annotated[
         float | None, Field(ge=0.0, lt=0.5, description="in place of that of the material")
     ] = None
-    output: Annotated[Box, Field(description="nodes whose mean motion counts")]
-    direction: Annotated[Vector, Field(description="wanted; its length plays no part")]
+    output: Annotated[
+        tuple[Box, ...],
+        Field(min_length=1, description="nodes whose mean motion counts; a region, or a list of them"),
+    ]
+    direction: Annotated[
+        Vector | None, Field(description="wanted of the output; its length plays no part")
+    ] = None
+    about_m: Annotated[
+        Pair | None,
+        Field(description="in place of direction: the output is to turn to the left about this point"),
+    ] = None
     spring_pa: Annotated[
         float,
         Field(
@@ -101,6 +118,24 @@ class Farthest(Strict):
     energy_exponent: Annotated[
         float, Field(ge=0.0, le=1.0, description="m: the greater, the stiffer the part")
     ] = 0.6
+
+    @field_validator("output", mode="before")
+    @classmethod
+    def _listed(cls, value: object) -> object:
+        return _one_or_more(value)
+
+    @model_validator(mode="after")
+    def _has_a_direction(self) -> Farthest:
+        if (self.direction is None) == (self.about_m is None):
+            raise ValueError("either direction or about_m")
+        return self
+
+    @field_validator("direction")
+    @classmethod
+    def _leads_somewhere(cls, value: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if value is not None and not any(value):
+            raise ValueError("one that is not zero")
+        return value
 
     @field_validator("material", mode="before")
     @classmethod
@@ -143,7 +178,15 @@ class Schedule(Strict):
     iterations: Annotated[int, Field(ge=1, le=10_000, description="all of them")] = 60
     ramp: Annotated[int, Field(ge=0, description="over the first ones pressure and penalty rise")] = 36
     pressure_pa: Annotated[Range, Field(description="at the inlet, from and to")]
-    penalty: Annotated[Range, Field(description="exponent of the stiffness, from and to")] = (1.0, 4.0)
+    penalty: Annotated[
+        tuple[Positive, ...],
+        Field(
+            strict=False,
+            min_length=2,
+            max_length=3,
+            description="exponent of the stiffness, from and to; a third number with the last sharpness",
+        ),
+    ] = (1.0, 4.0)
     sharpness: Annotated[
         tuple[Positive, ...],
         Field(
@@ -173,6 +216,8 @@ class Schedule(Strict):
             raise ValueError(f"threshold {self.threshold:g} + margin {self.margin:g} < 1")
         if self.margin and not (self.sharpness and self.ramp < self.iterations):
             raise ValueError("margin with sharpness and ramp < iterations alone: else both parts are one")
+        if len(self.penalty) == 3 and not (self.sharpness and self.ramp < self.iterations):
+            raise ValueError("a third penalty with sharpness and ramp < iterations alone")
         return self
 
     def margin_at(self, k: int) -> float:
@@ -182,11 +227,13 @@ class Schedule(Strict):
     def at(self, k: int) -> tuple[float, float, float]:
         """Return pressure [Pa], penalty and sharpness (0 without projection) of iteration k, from 0."""
         share = min(1.0, k / (self.ramp - 1)) if self.ramp > 1 else 1.0
-        pressure, penalty = (a + share * (b - a) for a, b in (self.pressure_pa, self.penalty))
+        pressure, penalty = (a + share * (b - a) for a, b in (self.pressure_pa, self.penalty[:2]))
         if k < self.ramp or not self.sharpness:
             return pressure, penalty, 0.0
         step = (k - self.ramp) * len(self.sharpness) // max(self.iterations - self.ramp, 1)
-        return pressure, penalty, self.sharpness[min(step, len(self.sharpness) - 1)]
+        if step == len(self.sharpness) - 1:
+            penalty = self.penalty[-1]
+        return pressure, penalty, self.sharpness[step]
 
 
 class Task(Strict):
@@ -225,6 +272,13 @@ class Task(Strict):
     repeat: Annotated[
         Repeat | None, Field(description="densities that come again; given elements stay as they are")
     ] = None
+    quarter_turns: Annotated[
+        bool,
+        Field(
+            description="whether densities come again with each quarter turn about the middle of a square; "
+            "given elements stay as they are"
+        ),
+    ] = False
     volume_fraction: Annotated[Share, Field(description="greatest share of the volume that is solid")]
     stretch_limit: Annotated[
         float | None,
@@ -250,11 +304,7 @@ class Task(Strict):
     @field_validator("inlet", mode="before")
     @classmethod
     def _listed(cls, value: object) -> object:
-        if isinstance(value, Mapping | Box | Disc):
-            return (value,)
-        if not isinstance(value, list | tuple) or not value:
-            raise ValueError("a region, or a list of them")
-        return value
+        return _one_or_more(value)
 
     @model_validator(mode="after")
     def _fits(self) -> Task:
@@ -274,6 +324,18 @@ class Task(Strict):
         return self
 
     @model_validator(mode="after")
+    def _turns_fit(self) -> Task:
+        if isinstance(self.goal, Farthest) and self.goal.about_m and self.space != "plane_strain":
+            raise ValueError("goal.about_m in space plane_strain alone")
+        if not self.quarter_turns:
+            return self
+        if len({*self.size_m}) > 1 or len({*self.cells}) > 1 or self.space != "plane_strain":
+            raise ValueError("quarter_turns of a square in plane strain, with as many elements along x and y")
+        if self.repeat is not None or self.mirrors:
+            raise ValueError("quarter_turns without repeat and mirrors")
+        return self
+
+    @model_validator(mode="after")
     def _lids_fit(self) -> Task:
         if self.lid_mm is None:
             if self.height_mm is not None:
@@ -286,6 +348,11 @@ class Task(Strict):
                 f"lid_mm {self.lid_mm:g} below half the height of the part, {500.0 * self.height_m:g} mm"
             )
         return self
+
+    @property
+    def shares_variables(self) -> bool:
+        """Whether elements share design variables."""
+        return self.repeat is not None or self.quarter_turns
 
     @property
     def lid_m(self) -> float:
@@ -305,11 +372,11 @@ class Task(Strict):
         yield from (one.where for one in self.held)
         yield from (one.where for one in self.start)
         if isinstance(self.goal, Farthest):
-            yield self.goal.output
+            yield from self.goal.output
 
     def _vectors(self) -> Iterator[tuple[str, tuple[float, ...]]]:
         yield from (("centre_m", one.centre_m) for one in self._regions() if isinstance(one, Disc))
-        if isinstance(self.goal, Farthest):
+        if isinstance(self.goal, Farthest) and self.goal.direction is not None:
             yield "goal.direction", self.goal.direction
 
 
@@ -329,8 +396,6 @@ def task_from_dict(data: dict[str, Any], where: str = "task") -> Task:
     """Make a task from a dictionary with the keys of a task file; errors as in `load_task`."""
     task = parse(data, Task, where)
     if isinstance(task.goal, Farthest):
-        if not any(task.goal.direction):
-            raise ConfigError(where, "goal.direction", task.goal.direction, "one that is not zero")
         task.goal.law(where)
     return task
 

@@ -45,6 +45,7 @@ def test_every_scene_is_listed_and_tested():
         "track_circle": "good",
         "three_fingers": "good",
         "grasp_ball": "good",
+        "grasp_pneunets": "good",
         "hand_on_an_arm": "good",
         "two_arms_carry_a_bar": "good",
         "wrap_a_cylinder": "good",

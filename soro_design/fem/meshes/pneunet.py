@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from soro_core.arrays import Integers
 from soro_core.errors import ModelError
-from soro_design.fem.elements.mesh import Mesh, make_mesh
+from soro_design.fem.elements.mesh import make_mesh
+from soro_design.fem.meshes.rod import Rod
 
 
 @dataclass(frozen=True)
@@ -68,29 +68,17 @@ class PneunetShape:
         """Of the whole [m]."""
         return self.chambers * self.pitch_m - self.gap_m + 2.0 * self.end_m
 
-
-@dataclass(frozen=True, eq=False)
-class Pneunet:
-    """The mesh of a PneuNet and what lies where.
-
-    Attributes
-    ----------
-    mesh : Mesh
-        hex8.
-    base, tip : ndarray of int, (f, 4)
-        Faces of both ends.
-    cavity : ndarray of int, (f, 4)
-        Faces of the air, turned out of the material.
-    """
-
-    mesh: Mesh
-    base: Integers
-    tip: Integers
-    cavity: Integers
+    @property
+    def chamber_area_m2(self) -> float:
+        """Of the air across the axis [m2]."""
+        return (self.height_m - self.layer_m - self.wall_m) * (self.width_m - 2.0 * self.wall_m)
 
 
-def pneunet_mesh(shape: PneunetShape, across: int = 1, between: int = 2) -> Pneunet:
+def pneunet_mesh(shape: PneunetShape, across: int = 1, between: int = 2) -> Rod:
     """Return the mesh of a PneuNet: bricks between planes, of which some are air.
+
+    Its axis, x = y = 0, lies in the middle of the layer, which nothing but the channel weakens: its sections
+    are those of the layer.
 
     Parameters
     ----------
@@ -129,6 +117,7 @@ def pneunet_mesh(shape: PneunetShape, across: int = 1, between: int = 2) -> Pneu
         steps = np.concatenate([np.full(count, length / count) for _, length, count in direction])
         planes.append(np.concatenate([[0.0], np.cumsum(steps)]))
         names.append(np.repeat([name for name, _, _ in direction], [count for *_, count in direction]))
+    planes[0] -= 0.5 * shape.layer_m
     planes[1] -= 0.5 * shape.width_m
     level, lateral, along = np.meshgrid(*names, indexing="ij")
     is_inside = (along == "air") & (lateral != "wall") & ~np.isin(level, ("layer", "roof"))
@@ -144,5 +133,10 @@ def pneunet_mesh(shape: PneunetShape, across: int = 1, between: int = 2) -> Pneu
     used, numbered = np.unique(cells[~is_air & ~is_outside], return_inverse=True)
     points = np.stack(np.meshgrid(*planes, indexing="ij"), axis=-1).reshape(-1, 3)[used]
     mesh = make_mesh("hex8", "solid", points, numbered.reshape(-1, 8))
-    ends = [mesh.faces_at(points[:, 2] == plane) for plane in (planes[2][0], planes[2][-1])]
-    return Pneunet(mesh, ends[0], ends[1], mesh.faces_at(np.isin(used, cells[is_air])))
+    chamber = mesh.faces_at(np.isin(used, cells[is_air]))
+    layer = number[: thin + 1].transpose(2, 0, 1).reshape(len(planes[2]), -1)
+    sections = np.searchsorted(used, layer)
+    edges = [np.diff(one, prepend=one[0], append=one[-1]) for one in (planes[0][: thin + 1], planes[1])]
+    share = np.outer(*(0.5 * (one[1:] + one[:-1]) for one in edges)).ravel()
+    base, tip = (np.flatnonzero(points[:, 2] == plane) for plane in (planes[2][0], planes[2][-1]))
+    return Rod(mesh, sections, share, base, tip, (chamber,), np.empty((0, 2), dtype=np.int64), np.empty(0))

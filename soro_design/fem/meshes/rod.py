@@ -91,14 +91,14 @@ class RodCounts:
 
 @dataclass(frozen=True, eq=False)
 class Rod:
-    """The mesh of a rod and what lies where.
+    """The mesh of a rod, or of a PneuNet, and what lies where.
 
     Attributes
     ----------
     mesh : Mesh
         hex8, upright from z = 0.
     sections : ndarray of int, (s, n)
-        Nodes of the sections across the wall, from the base to the tip.
+        Nodes of the sections across the wall, of a PneuNet across its layer, from the base to the tip.
     share : ndarray, (n,)
         Undeformed area of each of these nodes [m2], in a section of full size.
     base, tip : ndarray of int

@@ -18,8 +18,8 @@ def ground(deg=0.0, **keys):
     return RigidBody(shape=GroundShape(), fixed=True, quaternion=tilt(deg), **keys)
 
 
-def fingers(n=3, radius=0.035, **changes):
-    base, arms = load_robot("config/robots/tue_three_bellow.yaml"), {}
+def fingers(n=3, radius=0.035, robot="tue_three_bellow", **changes):
+    base, arms = load_robot(f"config/robots/{robot}.yaml"), {}
     for k in range(n):
         a = 2.0 * np.pi * k / n
         arms[f"finger{k}"] = SoftArm(

@@ -23,7 +23,7 @@ def hand(noise=NOISE, **settings):
     return Squeeze(models, SqueezeSettings(**settings))
 
 
-def on_table(mass=0.02, friction=0.6, radius=0.016, is_there=True):
+def on_table(mass=0.02, friction=0.6, radius=0.016, is_there=True, arms=None):
     """A ball between fingers, on a table that sinks by 6 mm within 6 s, and then away."""
     motion = BodyMotion(
         at_s=(BEGIN, BEGIN + 6.0, BEGIN + 7.0),
@@ -33,7 +33,7 @@ def on_table(mass=0.02, friction=0.6, radius=0.016, is_there=True):
     ball = RigidBody(shape=BallShape(radius=radius), mass=mass, friction=friction, position=[0.0, 0.0, high])
     at = [0.0, 0.0, high - radius - 0.01]
     table = RigidBody(shape=BoxShape(size=[0.02] * 3), fixed=True, position=at, motion=motion)
-    return BodyWorld({"object": ball, "table": table}, fingers(), points_per_link=9)
+    return BodyWorld({"object": ball, "table": table}, arms or fingers(), points_per_link=9)
 
 
 def phases(run):
@@ -56,6 +56,39 @@ def test_force_of_a_finger_is_that_of_the_contact():
     assert truth > 0.05
     assert felt.squeeze_n == pytest.approx(truth, rel=0.08)
     assert felt.across_n == pytest.approx(felt.squeeze_n)
+
+
+def test_a_finger_that_bends_in_one_plane_feels_what_is_across_it():
+    """A PneuNet has one coordinate: a force along it does not bend it."""
+    arm = fingers(1, robot="pneunet_finger")["finger0"]
+    block = RigidBody(
+        shape=BoxShape(size=[0.02, 0.1, 0.01]), fixed=True, position=[0.010, 0.0, -0.058], friction=0.0
+    )
+    pressure = np.array([12e3])
+    result = simulate_world(
+        BodyWorld({"block": block}, {"finger": arm}), t_end=1.5, pressures={"finger": pressure}
+    )
+    truth = result.normal_force("finger")[-1]
+    felt = Finger(arm, np.ones(1), arm.length, np.zeros(1)).feel(result.q["finger"][-1], pressure)
+    assert truth > 0.02
+    assert felt.squeeze_n == pytest.approx(truth, rel=0.1)
+    assert felt.squeeze_n == pytest.approx(felt.bend_n)
+    assert felt.across_n == pytest.approx(felt.squeeze_n)
+    assert felt.along_n == pytest.approx(0.0, abs=1e-15)
+
+
+def test_pneunets_of_finite_elements_hold_a_ball_whose_weight_they_are_not_told():
+    arms = fingers(radius=0.032, robot="pneunet_finger")
+    world = on_table(0.01, 0.8, arms=arms)
+    settings = SqueezeSettings(
+        most_pa=25e3, open_part=0.0, close_pa_s=8e3, crush_n=0.6, pa_per_n=1e5, rise_pa_s=10e3, touch_pa=5e3
+    )
+    models = [Finger(arm, np.ones(1), 0.056, np.zeros(1)) for arm in arms.values()]
+    run = simulate_squeeze(world, Squeeze(models, settings), "object", t_end=END)
+    held = run.height_m[-1]
+    assert phases(run)[-1] == "holding"
+    assert -0.068 < held < -0.058
+    assert 0.01 * WEIGHT / 0.8 < run.normal_n[-1].sum() < 1.5 * 0.01 * WEIGHT / 0.8
 
 
 def test_a_finger_in_the_air_feels_nothing():

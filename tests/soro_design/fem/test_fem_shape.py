@@ -108,7 +108,7 @@ def test_a_pneunet_is_closed_and_bends_away_from_its_chambers():
     tunnels = shape.channel_m**2 * (shape.length_m - 2.0 * shape.end_m - shape.chambers * inner)
     assert volume(points, triangles) == pytest.approx(outside - air - tunnels, rel=1e-9)
     found = figures("bend", part.sweeps[0], part)
-    end = np.unique(specimen.forced)
+    end = np.unique(specimen.tip)
     assert found.u[end, 0].mean() < -0.01
     assert found.goal > 0.5
 

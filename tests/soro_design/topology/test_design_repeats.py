@@ -12,6 +12,7 @@ from soro_design.topology import (
     load_task,
     make_domain,
     optimise,
+    reanalyse,
     save,
     shape,
     task_from_dict,
@@ -48,6 +49,15 @@ def folds(margin=0.2, iterations=44):
     return task_from_dict(data)
 
 
+def rotary(cells):
+    """The shipped ring about a hub, coarse."""
+    data = load_task("rotary").model_dump(mode="json", exclude_unset=True)
+    data |= {"cells": [cells, cells], "filter_radius_m": 0.0018}
+    data["air"] |= {"depth_m": 0.0008}
+    data["schedule"] = {"iterations": 44, "ramp": 24, "sharpness": [2.0, 4.0, 8.0], "pressure_pa": [3e2, 3e3]}
+    return task_from_dict(data)
+
+
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_cells_have_the_same_variables_and_what_is_beside_them_its_own(mirrored):
     task = bellow(repeat=CELLS | {"mirrored": mirrored})
@@ -69,6 +79,69 @@ def test_cells_have_the_same_variables_and_what_is_beside_them_its_own(mirrored)
 def test_a_task_without_cells_has_a_variable_for_each_element():
     domain = make_domain(bellow())
     assert (cell_mean(domain).toarray() == np.eye(len(domain.is_given))).all()
+
+
+def test_quarters_have_the_same_variables_and_given_elements_their_own():
+    domain = make_domain(rotary(20))
+    x = np.random.default_rng(3).uniform(0.0, 1.0, len(domain.is_given))
+    found = (cell_mean(domain) @ x).reshape(domain.grid.counts)
+    is_given, x = domain.is_given.reshape(found.shape), x.reshape(found.shape)
+    assert is_given.any()
+    assert (found[is_given] == x[is_given]).all()
+    every = sum(np.rot90(x, k) for k in range(4)) / 4.0
+    assert np.abs(found - every)[~is_given].max() < 1e-15
+
+
+@pytest.mark.parametrize("angle", [0.02, -0.9])
+def test_an_output_that_turns_about_a_point_moves_by_its_mean_arm(angle):
+    domain = make_domain(rotary(20))
+    arm = domain.grid.mesh.points - 0.014
+    c, s = np.cos(angle), np.sin(angle)
+    u = arm @ np.array([[c, s], [-s, c]]) - arm
+    rim = np.linspace(-0.014, 0.014, 21)
+    rim = 0.5 * np.hypot(rim, 0.014)[1:] + 0.5 * np.hypot(rim, 0.014)[:-1]
+    assert (domain.output * u).sum() == pytest.approx(rim.mean() * s)
+    assert turn_of(domain.grid.mesh.points, u) == pytest.approx(-angle)
+    shift = np.tile([0.3, -0.2], (len(u), 1))
+    assert abs((domain.output * shift).sum()) < 1e-15
+
+
+@pytest.mark.slow
+def test_a_ring_turns_to_the_left_about_its_hub():
+    task = rotary(28)
+    state = optimise(task)
+    domain = make_domain(task)
+    found = shape(domain, state)
+    assert not found.leak
+    moved = reanalyse(domain, found)
+    assert np.degrees(moved.turn) < -20.0
+    grids = analysis(domain)
+    one, four = (grids.evaluate(state.density, q, 3e3, state.u).motion_m for q in (1.0, 4.0))
+    assert one < moved.motion_m < four
+    turned = np.array([np.rot90(state.density.reshape(28, 28), k) for k in range(4)])
+    assert np.abs(turned - turned[0]).max() < 1e-9
+
+
+@pytest.mark.parametrize(
+    ("key", "change"),
+    [
+        ("goal", {"goal": {"direction": [1.0, 0.0]}}),
+        ("goal", {"goal": {"about_m": None}}),
+        ("goal.output", {"goal": {"output": []}}),
+        ("goal.output[1]", {"goal": {"output": [{"kind": "box"}, {"kind": "box", "x_m": [1.0, 2.0]}]}}),
+        ("quarter_turns", {"cells": [20, 24]}),
+        ("quarter_turns", {"repeat": {"along": "x", "pitch_m": 0.007, "number": 2}}),
+        ("quarter_turns", {"mirrors": ["x"]}),
+        ("about_m", {"space": "axisymmetric", "quarter_turns": False}),
+    ],
+)
+def test_tasks_that_turn_are_refused_in_one_line(key, change):
+    data = rotary(20).model_dump(mode="json", exclude_unset=True)
+    data |= change | {"goal": data["goal"] | change.get("goal", {})}
+    with pytest.raises(ConfigError) as caught:
+        make_domain(task_from_dict(data))
+    assert key in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -162,7 +235,22 @@ def test_a_thinner_part_that_is_torn_lowers_no_pressure_and_does_not_count(monke
     monkeypatch.setattr(optimiser, "_evaluated", torn)
     found = optimise(bellow(schedule={"margin": 0.2}))
     assert {row.eased for row in found.rows} == {1.0}
+    assert np.isnan([row.thinner_pa for row in found.rows]).all()
     assert (found.x == optimise(bellow()).x).all()
+    monkeypatch.undo()
+    counted = optimise(bellow(schedule={"margin": 0.2})).rows
+    assert [np.isfinite(row.thinner_pa) for row in counted] == 8 * [False] + 6 * [True]
+    assert all(row.thinner_pa <= row.pressure_pa for row in counted[8:])
+
+
+def test_the_penalty_falls_with_the_last_sharpness():
+    schedule = folds().schedule
+    assert schedule.sharpness == (2.0, 4.0, 8.0)
+    assert [schedule.at(k)[1] for k in (0, 23, 36, 37, 43)] == [1.0, 4.0, 4.0, 4.0, 4.0]
+    falling = with_changes(schedule, penalty=(1.0, 4.0, 1.5))
+    assert [falling.at(k)[1:] for k in (36, 37, 43)] == [(4.0, 4.0), (4.0, 4.0), (1.5, 8.0)]
+    with refused("schedule"):
+        bellow(schedule={"penalty": [1.0, 4.0, 1.0], "sharpness": []})
 
 
 def test_the_margin_grows_after_the_ramp_and_leaves_room_for_the_threshold():

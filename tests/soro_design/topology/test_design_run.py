@@ -1,7 +1,5 @@
 """Iterations, going on with them, and tasks that cannot end well."""
 
-from dataclasses import asdict
-
 import pytest
 
 from soro_core.config import with_changes
@@ -20,7 +18,7 @@ def test_a_run_that_goes_on_is_the_one_that_was_not_interrupted(tmp_path):
     stopped = optimise(task, until=3)
     save(stopped, tmp_path)
     again = optimise(task, load_state(tmp_path, domain))
-    assert [asdict(row) for row in again.rows] == [asdict(row) for row in through.rows]
+    assert str(again.rows) == str(through.rows)  # where nan is nan
     for name in ("x", "u", "density", "pressure", "frames"):
         assert (getattr(again, name) == getattr(through, name)).all()
 

@@ -49,9 +49,9 @@ def test_a_joint_fit_gives_all_numbers_back():
 
 def test_numbers_at_a_bound_are_named():
     start = direct(DATA)
-    values = {p.name: 0.5 * (p.lower + p.upper) for p in parameters(start)}
-    assert at_bound(start, values) == []
-    assert at_bound(start, {**values, "k_b_rest": 0.9 * start.k_b_nm}) == ["k_b_rest"]
+    values = {p.name: 0.5 * (p.lower + p.upper) for p in parameters(KNOWN, start)}
+    assert at_bound(KNOWN, start, values) == []
+    assert at_bound(KNOWN, start, {**values, "k_b_rest": 0.9 * start.k_b_nm}) == ["k_b_rest"]
 
 
 def test_errors_are_distances_of_tips_over_the_length():

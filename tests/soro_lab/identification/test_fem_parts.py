@@ -1,6 +1,7 @@
 """Parts of two and four chambers, tapered, with tendons: which become robots that run, and which do not."""
 
 import copy
+import re
 
 import pytest
 import typer
@@ -10,6 +11,7 @@ from soro_core.config import with_changes
 from soro_core.errors import ConfigError
 from soro_core.robot import load_robot
 from soro_design.commands.identify_fem import identify_fem
+from soro_design.parts.file import load_part
 from soro_lab.scene import load_scene
 from soro_ros.recordings.report import summarise
 from soro_ros.recordings.verdict import judge
@@ -53,6 +55,28 @@ def test_their_scenes_run_good(tmp_path, chambers, geometry, kind):
     assert load_robot(out).n_u == chambers
     scene = with_changes(load_scene(out.with_name("arm_scene.yaml")), duration_s=8.0)
     assert scene.controller.reference.kind == kind
+    recording, end = run_in_process(scene)
+    assert str(judge(summarise(recording, scene), scene, end, recording)) == "good"
+
+
+@pytest.mark.slow
+def test_a_pneunet_becomes_a_link_that_bends_and_its_scene_runs_good(tmp_path):
+    """Sweeps that judge it have forces across that no fit has seen."""
+    part = load_part("silicone_pneunet")
+    part = with_changes(part, geometry=with_changes(part.geometry, chambers=3, across=1))
+    out = tmp_path / "finger.yaml"
+    data = part.model_dump(mode="json", exclude_unset=True, exclude={"name"})
+    file = written(tmp_path, data)
+    done = CliRunner().invoke(app, [str(file), "--out", str(out), "--no-mesh-check"], env={"COLUMNS": "200"})
+    assert done.exit_code == 0, done.output
+    robot = load_robot(out)
+    assert (robot.n_u, robot.n_q) == (1, 1)
+    assert robot.links[0].chambers[0].area_m2 == pytest.approx(12.8e-3 * 11.4e-3)
+    held_out = re.search(r"length: .* fitted, mean ([\d.]+), greatest ([\d.]+) held", done.output)
+    mean, greatest = (float(share) for share in held_out.groups())
+    assert 0.0 < mean < 2.0
+    assert mean < greatest < 4.0
+    scene = with_changes(load_scene(tmp_path / "finger_scene.yaml"), duration_s=8.0)
     recording, end = run_in_process(scene)
     assert str(judge(summarise(recording, scene), scene, end, recording)) == "good"
 

@@ -112,9 +112,9 @@ class Finger:
         """Return the force at the place of touch.
 
         At rest elastic force and weight balance the pressures and J' f; of more coordinates than three the
-        force is the one whose deflection is nearest to the measured one, by energy; of fewer, one that is
-        against the closing alone. Without contact the free shape under these pressures is the measured one,
-        and the force 0.
+        force is the one whose deflection is nearest to the measured one, by energy; with fewer, it is taken
+        to act against the closing alone. Without contact the free shape under these pressures is the
+        measured one, and the force 0.
 
         Parameters
         ----------

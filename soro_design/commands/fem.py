@@ -43,10 +43,10 @@ def run(
 ) -> None:
     """Follow a part through the sweeps of its file; write VTU files, a table and pictures.
 
-    The folder gets SWEEP_NN.vtu for each state, table.csv, backbone.npz of a rod (for `soro identify-fem
-    --run`), shapes.png and curves.png. Everything is written as it comes: Ctrl-C keeps what is done; with
-    several jobs the sweeps under way end first. Exit status: 0 all sweeps ended; 1 one stopped early, its
-    last state is SWEEP_last.vtu; 2 wrong use; 130 after Ctrl-C. See docs/parts.md.
+    The folder gets SWEEP_NN.vtu for each state, table.csv, backbone.npz of a rod or PneuNet (for `soro
+    identify-fem --run`), shapes.png and curves.png. Everything is written as it comes: Ctrl-C keeps what is
+    done; with several jobs the sweeps under way end first. Exit status: 0 all sweeps ended; 1 one stopped
+    early, its last state is SWEEP_last.vtu; 2 wrong use; 130 after Ctrl-C. See docs/parts.md.
     """
     from rich.console import Console
 

@@ -71,7 +71,10 @@ class RodGeometry(Strict):
 
 
 class PneunetGeometry(Strict):
-    """A bending actuator of chambers on a layer (`PneunetShape`), of hex8, upright, chambers towards x."""
+    """A bending actuator of chambers on a layer (`PneunetShape`), of hex8, upright, chambers towards x.
+
+    x = y = 0 is in the middle of the layer, z = 0 at the base.
+    """
 
     space: ClassVar[Space] = "solid"
     kind: Literal["pneunet"]

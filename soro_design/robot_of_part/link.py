@@ -32,7 +32,8 @@ class Template:
     length_m, radius_m, mass_kg : float
         Of the part; the radius of a round solid section of the same area.
     area_m2, second_moment_m4 : float
-        Of the material of a section; of a PneuNet its mean, and that of solid rubber as stiff as it is.
+        Of the material of a section; of a PneuNet its mean, and that of solid rubber as stiff as it is at a
+        force across.
     chambers : int
         Chambers, evenly around the axis.
     pressure_range_pa : tuple of float

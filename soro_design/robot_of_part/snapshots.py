@@ -20,7 +20,7 @@ _NEEDED = {
     "lateral": "force_n: [F, 0, 0], which gives the bending stiffness",
     "even": "equal pressures in all chambers, which give their area",
     "uneven": "a pressure in one chamber, which gives its distance from the axis",
-    "held_out": "other pressures, or pressures and a force, with held_out: true, which judge the result",
+    "held_out": "other loads with held_out: true, which judge the result",
 }
 
 
@@ -90,7 +90,7 @@ def snapshots(z: Array, states: Sequence[Backbone], where: str) -> Snapshots:
         If a sweep mixes pressures and forces, or a kind that is needed is missing.
     """
     kinds = [_kind(s.sweep, s.pressures_pa, s.force_n, s.held_out, where) for s in states]
-    is_single = len(states[0].pressures_pa) == 1
+    is_single = bool(states) and len(states[0].pressures_pa) == 1
     _require(kinds, [state.sweep for state in states], is_single, where)
     found = {name: tuple(s for s, k in zip(states, kinds, strict=True) if k == name) for name in _NEEDED}
     if is_single:
@@ -104,7 +104,10 @@ def check_sweeps(sweeps: Sequence[LoadSweep], chambers: int, where: str) -> None
         if any(sweep.tensions_n):
             allowed = "none: `soro identify-fem` gives a robot chambers alone; leave sweeps of tendons out"
             raise ConfigError(where, f"sweeps.{sweep.name}.tensions_n", list(sweep.tensions_n), allowed)
-    kinds = [_kind(s.name, np.array(s.pressures_pa), np.array(s.force_n), s.held_out, where) for s in sweeps]
+    kinds = [
+        _kind(s.name, np.resize(s.pressures_pa or 0.0, chambers), np.array(s.force_n), s.held_out, where)
+        for s in sweeps
+    ]
     _require(kinds, [sweep.name for sweep in sweeps], chambers == 1, where)
 
 
@@ -116,13 +119,14 @@ def _require(kinds: Sequence[str], names: Sequence[str], is_single: bool, where:
 
 
 def _kind(sweep: str, pressures: Array, force: Array, held_out: bool, where: str) -> str:
-    if held_out and pressures.any():
+    if force[1] and pressures.size == 1:
+        allowed = "0 along y: the link of a single chamber bends along x alone"
+        raise ConfigError(where, f"sweeps.{sweep}.force_n", force.tolist(), allowed)
+    if held_out:
         return "held_out"
     across = bool(np.hypot(force[0], force[1]) > 0.0)
     if (pressures.any() and force.any()) or (across and force[2]):
-        allowed = (
-            "pressures alone, a force along z alone or a force across it; all at once with held_out: true"
-        )
+        allowed = "pressures alone, a force along z alone or a force across it; with held_out: true any"
         raise ConfigError(where, f"sweeps.{sweep}", "several at once", allowed)
     if force.any():
         return "lateral" if across else "axial"

@@ -168,7 +168,9 @@ def identify(
 
 
 def mesh_check(file: PartFile, specimen: RodSpecimen, data: Snapshots) -> MeshCheck | None:
-    """Compute the sweep of the first uneven pressures on a coarser mesh; None if that has no solution.
+    """Compute the sweep of the first uneven pressures on a coarser mesh.
+
+    None if that has no solution, or if there is none: of a PneuNet whose walls have one element.
 
     Parameters
     ----------
@@ -181,6 +183,8 @@ def mesh_check(file: PartFile, specimen: RodSpecimen, data: Snapshots) -> MeshCh
     assert isinstance(geometry, RodGeometry | PneunetGeometry)
     least = {"around": 2, "across": 1, "along": 1, "plug": 1, "between": 1}
     counts = {key: count for key, count in least.items() if key in type(geometry).model_fields}
+    if isinstance(geometry, PneunetGeometry) and min(geometry.across, geometry.between) < 2:
+        return None
     halved: dict[str, Any] = {key: max(count, getattr(geometry, key) // 2) for key, count in counts.items()}
     coarse = make_specimen(with_changes(file, geometry=with_changes(geometry, **halved)))
     assert isinstance(coarse, RodSpecimen)

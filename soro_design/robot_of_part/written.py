@@ -11,7 +11,7 @@ import yaml
 from soro_core.files.rounded import rounded
 from soro_design.robot_of_part.direct import Direct
 from soro_design.robot_of_part.joint import TipError
-from soro_design.robot_of_part.link import GIVEN, at_bound, robot_keys
+from soro_design.robot_of_part.link import GIVEN, at_bound, parameters, robot_keys
 from soro_design.robot_of_part.modes import Kept, mode_file, strain_keys
 from soro_design.robot_of_part.stages import PartIdentification
 
@@ -112,6 +112,8 @@ def write_robot(found: PartIdentification, source: str, out: Path) -> list[Path]
     """
     files = [out]
     for name, samples in (found.samples or {}).items():
+        if name == "elongation" and name not in found.known.strains:
+            continue
         files.append(mode_file(out, name))
         np.save(files[-1], samples)
     out.write_text(robot_text(found, source, out), encoding="utf-8")
@@ -176,7 +178,8 @@ def refusal(found: PartIdentification, accept: float) -> str:
         one_sided = "; a tendon with stiffness_n on one side bends it, for which a link has no law"
         why = one_sided if found.has_stiff_tendon else ""
         return f"{greatest(found)}; allowed: {100.0 * OF_MOTION:g} % of its motion{why}"
-    stuck = [name for name in at_bound(found.known, found.start, found.values) if name not in GIVEN]
+    given = GIVEN if found.known.chambers > 1 else ()
+    stuck = [name for name in at_bound(found.known, found.start, found.values) if name not in given]
     if stuck:
         return (
             f"{', '.join(stuck)} at a bound: the link has no law for what the part does, or its sweeps are"
@@ -201,12 +204,13 @@ def greatest(found: PartIdentification) -> str:
 
 
 def number_table(found: PartIdentification) -> list[str]:
-    """Return one line a number: by single loads, by all states, by which load."""
-    start = single_loads(found.start)
+    """Return one line a number that was fitted: by single loads, by all states, by which load."""
+    start, is_single = single_loads(found.start), found.known.chambers == 1
+    fitted = {number.name for number in parameters(found.known, found.start)}
     rows = [("number", "single load", "all states", "load")]
-    for name, value in found.values.items():
-        first = f"{start[name]:.5g}" if name in start else "-"
-        rows.append((name, first, f"{value:.5g}", LOADS.get(name, "all states")))
+    for name in (one for one in found.values if one in fitted):
+        first = f"{start[name]:.5g}" if name in start and not (is_single and name == "area_slope") else "-"
+        rows.append((name, first, f"{found.values[name]:.5g}", LOADS.get(name, "all states")))
     widths = [max(len(row[i]) for row in rows) for i in range(3)]
     return ["  ".join([*(row[i].ljust(widths[i]) for i in range(3)), row[3]]) for row in rows]
 

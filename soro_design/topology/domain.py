@@ -137,13 +137,15 @@ def make_domain(task: Task, where: str = "task") -> Domain:
     output = np.zeros(points.shape)
     if isinstance(task.goal, Farthest):
         for k, region in enumerate(task.goal.output):
-            nodes(region, _key("goal.output", task.goal.output, k))
+            key = _key("goal.output", task.goal.output, k)
+            is_there = nodes(region, key)
+            try:
+                grid.mesh.faces_at(is_there)
+            except ModelError:
+                allowed = "faces of the border, no single node and nothing inside"
+                raise ConfigError(where, key, _told(region), allowed) from None
         told = "; ".join(str(_told(region)) for region in task.goal.output)
-        try:
-            output = output_weights(task.goal, grid.mesh, near)
-        except ModelError:
-            allowed = "faces of the border, no single node and nothing inside"
-            raise ConfigError(where, "goal.output", told, allowed) from None
+        output = output_weights(task.goal, grid.mesh, near)
         if not (output[~is_held] != 0.0).any():
             allowed = "an output that can move: `held` holds all of it in that direction"
             raise ConfigError(where, "goal.output", told, allowed)

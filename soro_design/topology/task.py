@@ -107,7 +107,10 @@ class Farthest(Strict):
     ] = None
     about_m: Annotated[
         Pair | None,
-        Field(description="in place of direction: the output is to turn to the left about this point"),
+        Field(
+            description="in place of direction: the output is to turn to the left about this point; its "
+            "motion is that along tangents of circles at rest, most at a quarter turn"
+        ),
     ] = None
     spring_pa: Annotated[
         float,
@@ -216,8 +219,10 @@ class Schedule(Strict):
             raise ValueError(f"threshold {self.threshold:g} + margin {self.margin:g} < 1")
         if self.margin and not (self.sharpness and self.ramp < self.iterations):
             raise ValueError("margin with sharpness and ramp < iterations alone: else both parts are one")
-        if len(self.penalty) == 3 and not (self.sharpness and self.ramp < self.iterations):
-            raise ValueError("a third penalty with sharpness and ramp < iterations alone")
+        if len(self.penalty) == 3 and not 0 < len(self.sharpness) <= self.iterations - self.ramp:
+            raise ValueError(
+                "a third penalty with sharpness alone, and an iteration behind the ramp for each"
+            )
         return self
 
     def margin_at(self, k: int) -> float:
@@ -231,9 +236,8 @@ class Schedule(Strict):
         if k < self.ramp or not self.sharpness:
             return pressure, penalty, 0.0
         step = (k - self.ramp) * len(self.sharpness) // max(self.iterations - self.ramp, 1)
-        if step == len(self.sharpness) - 1:
-            penalty = self.penalty[-1]
-        return pressure, penalty, self.sharpness[step]
+        last = len(self.sharpness) - 1
+        return pressure, self.penalty[-1] if step >= last else penalty, self.sharpness[min(step, last)]
 
 
 class Task(Strict):

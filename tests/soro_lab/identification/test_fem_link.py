@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from made_rod import KNOWN, LENGTH, VALUES, Z, made_data, made_states
 
+from soro_design.parts.file import LoadSweep
 from soro_design.robot_of_part.direct import direct
 from soro_design.robot_of_part.joint import refine, tip_errors
 from soro_design.robot_of_part.link import at_bound, parameters, robot_of
-from soro_design.robot_of_part.snapshots import snapshots
+from soro_design.robot_of_part.snapshots import check_sweeps, snapshots
 from tests.refused import refused
 
 DATA = made_data()
@@ -52,6 +53,25 @@ def test_numbers_at_a_bound_are_named():
     values = {p.name: 0.5 * (p.lower + p.upper) for p in parameters(KNOWN, start)}
     assert at_bound(KNOWN, start, values) == []
     assert at_bound(KNOWN, start, {**values, "k_b_rest": 0.9 * start.k_b_nm}) == ["k_b_rest"]
+
+
+def test_loads_of_a_single_chamber_are_along_its_bend_and_held_out_ones_are_never_fitted():
+    def sweep(name, pressure=0.0, force=(0.0, 0.0, 0.0), **keys):
+        return LoadSweep(name=name, pressures_pa=(pressure,) if pressure else (), force_n=force, **keys)
+
+    fitted = [sweep("pull", force=(0.0, 0.0, 1.0)), sweep("side", force=(0.1, 0.0, 0.0)), sweep("blown", 1e3)]
+    check_sweeps([*fitted, sweep("pushed", 1e3, (0.1, 0.0, 0.2), held_out=True)], 1, "part")
+    with refused("sweeps.side.force_n"):
+        check_sweeps([sweep("side", force=(0.0, 0.1, 0.0))], 1, "part")
+    with refused("sweeps.both"):
+        check_sweeps([sweep("both", 1e3, (0.1, 0.0, 0.0))], 1, "part")
+    with refused("sweeps", names=("held_out",)):
+        check_sweeps(fitted, 1, "part")
+    alone = [fitted[0], sweep("side", force=(0.1, 0.0, 0.0), held_out=True), fitted[2]]
+    with refused("sweeps", names=("force_n: [F, 0, 0]",)):
+        check_sweeps(alone, 1, "part")
+    with refused("sweeps"):
+        snapshots(Z, [], "part")
 
 
 def test_errors_are_distances_of_tips_over_the_length():

@@ -25,7 +25,7 @@ TITLE = "Topology optimisation"
 # Work of the pressure, 1000 at the first iteration, at most.
 ARCH = {(100, 50): 16.9, (200, 100): 14.4}
 # Most minutes of the processor.
-BELLOW_MIN = {(100, 50): 2.0, (200, 100): 6.0}
+BELLOW_MIN = {(100, 50): 0.5, (200, 100): 1.5, (400, 200): 8.0}
 # Other tasks.
 OTHERS = ("bellow_folds", "disc", "gripper", "muscle", "pneunet", "rotary")
 MOTION_MM, GRIDS_AGREE, GREYNESS, OWN_MESH_AGREES, STROKE_MM = 2.4, 0.02, 0.08, 0.05, 7.0
@@ -47,7 +47,7 @@ class Found:
 
 
 def topology(options: Options) -> tuple[str, str]:
-    """Run both tasks on both grids; for tests the arch alone, coarsely."""
+    """Run arch and bellow on their grids and the other tasks; for tests the arch alone, coarsely."""
     cells = options.pick(tuple(ARCH), ((20, 10), (24, 12)))
     rows = [row for one, own in zip(cells, ARCH, strict=True) for row in _arch(one, own, options)]
     bellows = {}
@@ -56,16 +56,17 @@ def topology(options: Options) -> tuple[str, str]:
         bellows[one] = _optimised(with_changes(load_task("bellow"), cells=one), name, options)
         rows += _rows(name, bellows[one], BELLOW_MIN[one])
     if bellows:
-        few, many = (found.motion_mm for found in bellows.values())
-        apart = abs(many / few - 1.0)
+        motions = [found.motion_mm for found in bellows.values()]
+        apart = max(motions) / min(motions) - 1.0
         agree = f"<= {GRIDS_AGREE:.0%}", met(apart <= GRIDS_AGREE)
-        rows.append(("both bellows", "motion, apart", f"{apart:.1%}", *agree))
+        rows.append(("all bellows", "motion, apart", f"{apart:.1%}", *agree))
     for name in options.pick(OTHERS, ()):
         rows += _others_rows(name, _optimised(load_task(name), name, options))
     return TITLE, (
         f"{table(('case', '', 'found', 'target', ''), rows)}\n\n"
         "Tasks: those of `config/design`. Others move the wanted way where their motion "
-        "is positive. Times are those of one core, kernels compiled. "
+        "is positive; the jaw of the gripper meets its image after 6 mm. "
+        "Times are those of one core, kernels compiled. "
         "Own mesh: the part cut along the contour of its densities, computed by `soro_design.fem` "
         "([how](../docs/design.md))."
     )

@@ -21,8 +21,9 @@ order. An entry has
 
 - ``name``: name of the line, for messages;
 - ``begin``: bytes (as Latin-1) that end an incomplete request of the driver, or nothing;
-- ``steps``: bytes to ``send`` (as Latin-1), and the answer that confirms them: a regular expression for a
-  ``line`` of text, whose groups are numbers between ``low`` and ``high``; a regular expression for ``bytes``
+- ``steps``: bytes to ``send`` (as Latin-1), and the answer that confirms them: a regular expression for the
+  only ``line`` of text since the step before, whose groups are numbers between ``low`` and ``high``, because
+  a line does not name its request, and may be a late answer to another; a regular expression for ``bytes``
   (as Latin-1); or a number of consecutive ``doubles`` between ``low`` and ``high``. The steps of one device,
   named in ``of``, are confirmed only together in one round: a set point of 0, and the reading that shows the
   chamber empty;
@@ -117,6 +118,7 @@ def vent_line(entry: Entry, descriptor: int) -> bool:
             with contextlib.suppress(BlockingIOError):
                 os.write(descriptor, entry["begin"].encode("latin-1"))
             time.sleep(_SETTLE_S)  # an answer to it must not count as the answer to a step
+            _read(descriptor)
         while left and (passed_s := time.monotonic() - started_s) < entry["longest_s"]:
             found = [_ask(descriptor, step, entry["timeout_s"]) for step in left]
             if passed_s >= entry["least_s"]:
@@ -137,14 +139,14 @@ def _device(step: dict[str, Any]) -> str:
 
 def _ask(descriptor: int, step: dict[str, Any], timeout_s: float) -> bool:
     """Send a step once; return whether the answer confirms it."""
-    _read(descriptor)
+    late = _read(descriptor).strip()  # the second byte of the end of a line is none
     with contextlib.suppress(BlockingIOError):
         os.write(descriptor, step["send"].encode("latin-1"))
     answer, end_s = b"", time.monotonic() + timeout_s
     while (left_s := end_s - time.monotonic()) > 0 and select.select([descriptor], [], [], left_s)[0]:
         answer = (answer + _read(descriptor))[-_LONGEST_ANSWER:]
         if confirms(step, answer):
-            return True
+            return "line" not in step or not late
     return False
 
 
@@ -162,9 +164,10 @@ def _read(descriptor: int) -> bytes:
 
 def confirms(step: dict[str, Any], answer: bytes) -> bool:
     if "line" in step:
-        lines = re.split(r"[\r\n]+", answer.decode("latin-1"))[:-1]
-        found = [re.fullmatch(step["line"], line.strip()) for line in lines]
-        return any(all(step["low"] < float(n) < step["high"] for n in f.groups()) for f in found if f)
+        lines = [line.strip() for line in re.split(r"[\r\n]+", answer.decode("latin-1"))[:-1]]
+        lines = [line for line in lines if line]
+        found = re.fullmatch(step["line"], lines[0]) if len(lines) == 1 else None
+        return found is not None and all(step["low"] < float(n) < step["high"] for n in found.groups())
     if "bytes" in step:
         return re.search(step["bytes"].encode("latin-1"), answer, re.DOTALL) is not None
     # The driver may have read a part of a message, so the numbers may start at any byte.

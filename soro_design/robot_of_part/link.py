@@ -203,7 +203,7 @@ def robot_keys(
     damping = known.damping
     if strains is not None:
         strains = {name: strains[name] for name in known.strains}
-    elif len(known.strains) < 3:  # not what a file without them has
+    elif len(known.strains) < 3:  # a file without the key has all three
         strains = {name: {"basis": "constant"} for name in known.strains}
     if strains is not None:
         each = [field.get("modes", 1) for field in strains.values()]

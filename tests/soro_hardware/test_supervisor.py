@@ -408,7 +408,10 @@ def test_readings_of_numbers_count_wherever_they_begin(lost):
 def test_numbers_of_a_line_must_be_within_bounds():
     step = {"line": r"A +(\S+) +[+]?0+(?:\.0+)?", "low": -2.0, "high": 2.0}
     assert supervisor.confirms(step, b"A +001.90 +000.00\r")
-    assert supervisor.confirms(step, b"A +030.00 +000.00\rA -001.90 +000.00\r")
+    assert supervisor.confirms(step, b"\r\nA -001.90 +000.00\r\n")
+    assert not supervisor.confirms(step, b"A +030.00 +000.00\rA -001.90 +000.00\r"), (
+        "one is of another request"
+    )
     assert not supervisor.confirms(step, b"A +002.10 +000.00\r")
     assert not supervisor.confirms(step, b"A +001.90 +015.00\r")
 
@@ -431,6 +434,56 @@ def test_a_device_is_done_when_zero_and_an_empty_chamber_are_confirmed_in_one_ro
     assert supervisor.vent_line({**entry, "steps": [zero, reading]}, line.slave)
     thread.join()
     assert sent == [b"SET 0\r\n", b"MON\r\n"] * 3
+
+
+@pytest.mark.parametrize("together", [True, False], ids=["in one piece", "in two"])
+def test_what_a_device_says_late_is_no_answer_to_what_it_is_asked_now(line, together):
+    """It stands still for two requests: the echo of a later zero must not pass for an empty chamber."""
+    late = [b"0\r\n", b"300\r\n0\r\n300\r\n"] if together else [b"0\r\n300\r\n", b"0\r\n300\r\n"]
+    ended = threading.Event()
+
+    def device():
+        requests = 0
+        while not ended.is_set():
+            if not select.select([line.master], [], [], 0.01)[0]:
+                continue
+            asked = os.read(line.master, 100)
+            requests += 1
+            if requests > 4:
+                os.write(line.master, b"0\r\n" if asked.startswith(b"SET") else b"300\r\n")
+            elif requests > 2:
+                first, _, rest = late[requests - 3].partition(b"\n")
+                os.write(line.master, first + b"\n")
+                time.sleep(0.005)  # what follows comes while the next request is under way
+                os.write(line.master, rest)
+
+    zero = {"send": "SET 0\r\n", "line": "0+", "of": "one"}
+    reading = {"send": "MON\r\n", "line": r"(\d+)", "low": -1.0, "high": 20.0, "of": "one"}
+    entry = {"name": "x", "begin": "", "least_s": 0.0, "longest_s": 1.0, "timeout_s": 0.05}
+    thread = threading.Thread(target=device)
+    thread.start()
+    try:
+        assert not supervisor.vent_line({**entry, "steps": [zero, reading]}, line.slave)
+    finally:
+        ended.set()
+        thread.join()
+
+
+def test_the_end_of_a_line_that_comes_apart_is_no_late_answer(line):
+    def device():
+        for answer in (b"0", b"5"):
+            os.read(line.master, 100)
+            os.write(line.master, answer + b"\r")
+            time.sleep(0.005)
+            os.write(line.master, b"\n")
+
+    zero = {"send": "SET 0\r\n", "line": "0+", "of": "one"}
+    reading = {"send": "MON\r\n", "line": r"(\d+)", "low": -1.0, "high": 20.0, "of": "one"}
+    entry = {"name": "x", "begin": "", "least_s": 0.0, "longest_s": 1.0, "timeout_s": 0.5}
+    thread = threading.Thread(target=device)
+    thread.start()
+    assert supervisor.vent_line({**entry, "steps": [zero, reading]}, line.slave)
+    thread.join()
 
 
 def test_an_answer_of_bytes_counts_whole_and_between_others():

@@ -148,6 +148,8 @@ def application(begin: Callable[[], None] = lambda: None, needed: set[str] | Non
 def main() -> NoReturn:
     """Entry point: exit status 0 on success, 1 on failure, 2 on wrong use, configuration or installation."""
     previous = signal.signal(signal.SIGINT, leave)
+    # As the nodes and jobs: matrices here are so small that a second thread waits for work and takes a core.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     from soro_core.errors import BagError, ConfigError, SoroError
     from soro_core.extras import named_packages
 

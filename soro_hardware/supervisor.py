@@ -164,9 +164,8 @@ def _read(descriptor: int) -> bytes:
 
 def confirms(step: dict[str, Any], answer: bytes) -> bool:
     if "line" in step:
-        lines = [line.strip() for line in re.split(r"[\r\n]+", answer.decode("latin-1"))[:-1]]
-        lines = [line for line in lines if line]
-        found = re.fullmatch(step["line"], lines[0]) if len(lines) == 1 else None
+        lines = [line for line in re.split(r"[\r\n]+", answer.decode("latin-1"))[:-1] if line.strip()]
+        found = re.fullmatch(step["line"], lines[0].strip()) if len(lines) == 1 else None
         return found is not None and all(step["low"] < float(n) < step["high"] for n in found.groups())
     if "bytes" in step:
         return re.search(step["bytes"].encode("latin-1"), answer, re.DOTALL) is not None

@@ -52,7 +52,8 @@ class Snapshots:
     @property
     def fitted(self) -> tuple[Backbone, ...]:
         """States whose tips a fit reads: under pressures, with a single chamber under a force across too."""
-        return (*self.even, *self.lateral) if self.even is self.uneven else (*self.even, *self.uneven)
+        is_single = len(self.even[0].pressures_pa) == 1
+        return (*self.even, *self.lateral) if is_single else (*self.even, *self.uneven)
 
     def strains(self, state: Backbone) -> Array:
         """Return elongation and bending_x, bending_y [1/m] between the sections, (s - 1, 3)."""

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from soro_core.config import Strict, find_config, parse, read_yaml, with_changes
 from soro_design.fem.elements.material import Material, load_material, material_from_dict
@@ -100,16 +100,14 @@ class Farthest(Strict):
     ] = None
     output: Annotated[
         tuple[Box, ...],
+        BeforeValidator(_one_or_more),
         Field(min_length=1, description="nodes whose mean motion counts; a region, or a list of them"),
     ]
-    direction: Annotated[
-        Vector | None, Field(description="wanted of the output; its length plays no part")
-    ] = None
+    direction: Annotated[Vector | None, Field(description="wanted; its length plays no part")] = None
     about_m: Annotated[
         Pair | None,
         Field(
-            description="in place of direction: the output is to turn to the left about this point; its "
-            "motion is that along tangents of circles at rest, most at a quarter turn"
+            description="in place of direction: a point to turn about, to the left; counted along tangents"
         ),
     ] = None
     spring_pa: Annotated[
@@ -118,14 +116,7 @@ class Farthest(Strict):
             ge=0.0, description="[N/m2] spring per thickness; of a ring or solid that of the whole, in N/m"
         ),
     ]
-    energy_exponent: Annotated[
-        float, Field(ge=0.0, le=1.0, description="m: the greater, the stiffer the part")
-    ] = 0.6
-
-    @field_validator("output", mode="before")
-    @classmethod
-    def _listed(cls, value: object) -> object:
-        return _one_or_more(value)
+    energy_exponent: Annotated[float, Field(ge=0.0, le=1.0, description="m: the greater, the stiffer")] = 0.6
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Farthest:
@@ -207,9 +198,7 @@ class Schedule(Strict):
             "mean of both, such that walls and hinges keep a width. Twice the time after the ramp",
         ),
     ] = 0.0
-    move: Annotated[
-        float, Field(gt=0.0, le=1.0, description="greatest change of a variable in an iteration")
-    ] = 0.1
+    move: Annotated[float, Field(gt=0.0, le=1.0, description="greatest change of a variable a step")] = 0.1
 
     @model_validator(mode="after")
     def _ramp_ends(self) -> Schedule:
@@ -220,9 +209,7 @@ class Schedule(Strict):
         if self.margin and not (self.sharpness and self.ramp < self.iterations):
             raise ValueError("margin with sharpness and ramp < iterations alone: else both parts are one")
         if len(self.penalty) == 3 and not 0 < len(self.sharpness) <= self.iterations - self.ramp:
-            raise ValueError(
-                "a third penalty with sharpness alone, and an iteration behind the ramp for each"
-            )
+            raise ValueError("a third penalty with sharpness, each of an iteration behind the ramp")
         return self
 
     def margin_at(self, k: int) -> float:
@@ -261,7 +248,9 @@ class Task(Strict):
         tuple[FixedRegion, ...], Field(strict=False, min_length=1, description="nodes that do not move")
     ]
     inlet: Annotated[
-        Regions, Field(min_length=1, description="nodes at full pressure; a region, or a list of them")
+        Regions,
+        BeforeValidator(_one_or_more),
+        Field(min_length=1, description="nodes at full pressure; a region, or a list of them"),
     ]
     open: Annotated[
         Regions,
@@ -277,11 +266,7 @@ class Task(Strict):
         Repeat | None, Field(description="densities that come again; given elements stay as they are")
     ] = None
     quarter_turns: Annotated[
-        bool,
-        Field(
-            description="whether densities come again with each quarter turn about the middle of a square; "
-            "given elements stay as they are"
-        ),
+        bool, Field(description="whether densities come again with quarter turns about a square's middle")
     ] = False
     volume_fraction: Annotated[Share, Field(description="greatest share of the volume that is solid")]
     stretch_limit: Annotated[
@@ -304,11 +289,6 @@ class Task(Strict):
         Positive | None,
         Field(description="along z, of a part with lids, these among it; else its least length along x or y"),
     ] = None
-
-    @field_validator("inlet", mode="before")
-    @classmethod
-    def _listed(cls, value: object) -> object:
-        return _one_or_more(value)
 
     @model_validator(mode="after")
     def _fits(self) -> Task:

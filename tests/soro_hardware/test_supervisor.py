@@ -39,6 +39,13 @@ SHIPPED = {
 }
 
 
+# Set point 0 and its echo, and a reading that shows the chamber empty.
+ITV_STEPS = [
+    {"send": "SET 0\r\n", "line": "0+", "of": "one"},
+    {"send": "MON\r\n", "line": r"(\d+)", "low": -1.0, "high": 20.0, "of": "one"},
+]
+
+
 def is_running(pid):
     try:
         os.kill(pid, 0)
@@ -426,12 +433,10 @@ def test_a_device_is_done_when_zero_and_an_empty_chamber_are_confirmed_in_one_ro
             sent.append(os.read(line.master, 100))
             os.write(line.master, answer)
 
-    zero = {"send": "SET 0\r\n", "line": "0+", "of": "one"}
-    reading = {"send": "MON\r\n", "line": r"(\d+)", "low": -1.0, "high": 20.0, "of": "one"}
     entry = {"name": "x", "begin": "", "least_s": 0.0, "longest_s": 5.0, "timeout_s": 0.3}
     thread = threading.Thread(target=device)
     thread.start()
-    assert supervisor.vent_line({**entry, "steps": [zero, reading]}, line.slave)
+    assert supervisor.vent_line({**entry, "steps": ITV_STEPS}, line.slave)
     thread.join()
     assert sent == [b"SET 0\r\n", b"MON\r\n"] * 3
 
@@ -457,13 +462,11 @@ def test_what_a_device_says_late_is_no_answer_to_what_it_is_asked_now(line, toge
                 time.sleep(0.005)  # what follows comes while the next request is under way
                 os.write(line.master, rest)
 
-    zero = {"send": "SET 0\r\n", "line": "0+", "of": "one"}
-    reading = {"send": "MON\r\n", "line": r"(\d+)", "low": -1.0, "high": 20.0, "of": "one"}
     entry = {"name": "x", "begin": "", "least_s": 0.0, "longest_s": 1.0, "timeout_s": 0.05}
     thread = threading.Thread(target=device)
     thread.start()
     try:
-        assert not supervisor.vent_line({**entry, "steps": [zero, reading]}, line.slave)
+        assert not supervisor.vent_line({**entry, "steps": ITV_STEPS}, line.slave)
     finally:
         ended.set()
         thread.join()
@@ -477,12 +480,10 @@ def test_the_end_of_a_line_that_comes_apart_is_no_late_answer(line):
             time.sleep(0.005)
             os.write(line.master, b"\n")
 
-    zero = {"send": "SET 0\r\n", "line": "0+", "of": "one"}
-    reading = {"send": "MON\r\n", "line": r"(\d+)", "low": -1.0, "high": 20.0, "of": "one"}
     entry = {"name": "x", "begin": "", "least_s": 0.0, "longest_s": 1.0, "timeout_s": 0.5}
     thread = threading.Thread(target=device)
     thread.start()
-    assert supervisor.vent_line({**entry, "steps": [zero, reading]}, line.slave)
+    assert supervisor.vent_line({**entry, "steps": ITV_STEPS}, line.slave)
     thread.join()
 
 

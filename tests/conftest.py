@@ -5,7 +5,7 @@ import json
 import os
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import pytest
 from _pytest.runner import runtestprotocol
 
 from tests.patience import STILL_S, StandStill
+from tests.ros_domain import free_domain
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -29,6 +30,15 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     real.addoption("--platform", help="platform file of real devices, or the name of a shipped one")
     real.addoption("--device", help="path or address in place of the platform's")
     real.addoption("--most-pa", type=float, default=20e3, help="highest set point of them [Pa gauge]")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def worker_domain() -> Iterator[None]:
+    """Nodes of a test that takes no ROS domain of its own meet those of no other worker."""
+    with free_domain() as number, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_DOMAIN_ID", str(number))
+        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -28,7 +28,7 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 from tests.installation.source_tree import ROOT, copy_sources
-from tests.machine_lock import machine_lock
+from tests.ros_domain import free_domain
 
 LONGEST_S = 1500.0
 """For one command, on a machine that does other work [s]."""
@@ -154,12 +154,7 @@ def _try(one: Environment, wheel: Path) -> str:
 
 def _run_in_lockstep(commands: Path, folder: Path, own: dict[str, str]) -> None:
     """Run a scene; an imaginary part that is dropped, or a NaN from finite numbers, fails it."""
-    for number in range(100, 1, -1):
-        if lock := machine_lock(f"domain-{number}", waits=False):
-            break
-    else:
-        raise FailedError("no free ROS domain")
-    with lock:
+    with free_domain() as number:
         own = {**own, "ROS_DOMAIN_ID": str(number), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
         _call([commands / "soro", *RUN], folder, PYTHONWARNINGS="error::RuntimeWarning", **own)
 

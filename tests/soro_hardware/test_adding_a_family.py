@@ -18,6 +18,7 @@ from served_bench import served
 from soro_hardware import doctor, families, load_platform, open_regulator
 from soro_hardware.port import FAULT_CODES
 from tests.refused import refused
+from tests.ros_domain import free_domain
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs/adding_a_family.md").read_text(encoding="utf-8")
@@ -73,14 +74,15 @@ def test_soro_runs_an_arm_on_it(path, package, tmp_path):
         "controller.probe_at_enable=off",  # it takes seconds, and knows no family
         "--no-figure",
     ]
-    done = subprocess.run(
-        [*command, "--folder", str(tmp_path / "runs")],
-        env={**os.environ, "PYTHONPATH": paths},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=200,
-    )
+    with free_domain() as number:
+        done = subprocess.run(
+            [*command, "--folder", str(tmp_path / "runs")],
+            env={**os.environ, "PYTHONPATH": paths, "ROS_DOMAIN_ID": str(number)},
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=200,
+        )
     (run,) = (tmp_path / "runs").iterdir()
     summary = json.loads((run / "summary.json").read_text())
     assert done.returncode == 0, done.stdout + done.stderr

@@ -4,7 +4,6 @@ import contextlib
 import functools
 import gc
 import importlib
-import itertools
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -15,6 +14,7 @@ from typing import NamedTuple
 import pytest
 
 from tests.machine_lock import machine_lock
+from tests.ros_domain import free_domain
 
 pytest.importorskip("rclpy", reason="the ROS part is not installed on this platform")
 
@@ -33,20 +33,6 @@ class Ended(NamedTuple):
     status: int
     out: str
     err: str
-
-
-# Domains above 101 collide with Linux's ephemeral ports. Each worker goes through a range of its own, so that
-# a domain rests before it is used again: participants that were killed linger for some seconds.
-FIRST, LAST = 2, 100
-_taken = itertools.count()
-
-
-def _candidates() -> list[int]:
-    worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
-    workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    mine = range(FIRST + int(worker), LAST, workers)
-    start = next(_taken) % len(mine)
-    return [*mine[start:], *mine[:start]]
 
 
 @contextlib.contextmanager
@@ -92,20 +78,19 @@ def own_domain(state: Path) -> Iterator[int]:
     state : Path
         Folder for what nodes leave for those that come after them.
     """
-    for number in _candidates():
-        lock = machine_lock(f"domain-{number}", waits=False)
-        if lock is None:
-            continue
-        with lock, pytest.MonkeyPatch.context() as patch, _nodes_destroyed(patch), _timing_restored():
-            # The middleware as soro sets it by default, also for nodes of the tests themselves.
-            for name in middleware.CHOICES:
-                patch.delenv(name, raising=False)
-            chosen = {"XDG_STATE_HOME": str(state), "ROS_DOMAIN_ID": str(number), **middleware.settings({})}
-            for name, value in chosen.items():
-                patch.setenv(name, value)
-            yield number
-        return
-    pytest.fail("no free ROS domain; is a test run left over?")
+    with (
+        free_domain() as number,
+        pytest.MonkeyPatch.context() as patch,
+        _nodes_destroyed(patch),
+        _timing_restored(),
+    ):
+        # The middleware as soro sets it by default, also for nodes of the tests themselves.
+        for name in middleware.CHOICES:
+            patch.delenv(name, raising=False)
+        chosen = {"XDG_STATE_HOME": str(state), "ROS_DOMAIN_ID": str(number), **middleware.settings({})}
+        for name, value in chosen.items():
+            patch.setenv(name, value)
+        yield number
 
 
 @pytest.fixture

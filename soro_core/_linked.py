@@ -2,17 +2,19 @@
 
 Numba makes machine code of every compiled function, and at every level of calls it optimises all callees
 again. A function that only kernels call needs neither: the kernel's own passes optimise what is linked into
-it. These are numba's own steps without those two (docs/adr/0012-linked-functions.md). They extend classes
+it. These are numba's own steps without those two (docs/adr/0012-linked-functions.md). Where it makes no
+array, it counts no references to arrays either (docs/adr/0099-references-uncounted.md). They extend classes
 that numba does not document, so pyproject.toml limits its release.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numba
 from numba import _dynfunc
-from numba.core import caching, codegen, compiler, typed_passes
+from numba.core import caching, codegen, compiler, ir, typed_passes, types
 from numba.core.compiler_machinery import register_pass
 
 
@@ -47,6 +49,43 @@ def _callable(place: Any, environment: Any, library: LinkedLibrary) -> Any:
     )
 
 
+# What only passes an array on that another variable, or a caller, holds.
+_PASSING = {"getattr", "static_getitem", "build_tuple", "exhaust_iter", "cast", "phi"}
+
+
+def _makes_array(state: Any) -> bool:
+    """Whether a typed function returns an array, or has one made: then references to it are to be counted.
+
+    All else uses arrays that its callers keep alive.
+    """
+    is_counted = _is_counted(state)
+    made = (
+        stated
+        for block in state.func_ir.blocks.values()
+        for stated in block.find_insts(ir.Assign)
+        if isinstance(stated.value, ir.Expr) and is_counted(state.typemap[stated.target.name])
+    )
+    return is_counted(state.return_type) or any(not _passes(one.value, state.typemap) for one in made)
+
+
+def _is_counted(state: Any) -> Callable[[Any], bool]:
+    """Return whether values of a type hold references that are counted."""
+    models = state.targetctx.data_model_manager
+    return lambda kind: bool(models[kind].contains_nrt_meminfo())
+
+
+def _passes(made: ir.Expr, typemap: dict[str, Any]) -> bool:
+    """Whether an expression only passes an array on, or a part of it."""
+    if made.op == "call":
+        return isinstance(typemap[made.func.name], types.NamedTupleClass)
+    if made.op == "getitem":
+        index = typemap[made.index.name]
+        return all(
+            isinstance(one, types.Integer | types.misc.SliceType) for one in getattr(index, "types", [index])
+        )
+    return made.op in _PASSING
+
+
 @register_pass(mutates_CFG=True, analysis_only=False)
 class LinkedLowering(typed_passes.NativeLowering):  # type: ignore[misc]
     """Lowering into a `LinkedLibrary`."""
@@ -57,6 +96,8 @@ class LinkedLowering(typed_passes.NativeLowering):  # type: ignore[misc]
         """Lower the function, and register the library that its callers link."""
         state.library = LinkedLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
         state.flags.no_compile = True
+        if not _makes_array(state):
+            state.targetctx.enable_nrt = False
         super().run_pass(state)
         lowered = state["cr"]
         function = _callable(lowered.fndesc, lowered.env, state.library)

@@ -89,7 +89,7 @@ def _add_up(
         for g in range(volume.shape[1]):
             fill_gradient(of_cell, slope[e, g], hoop[e, g], F)
             cofactor(F, H)
-            respond(law, bulk, (F, H), work.products, P, work.A)
+            respond(law, bulk, (F, H), False, work.products, (P, work.A))
             for i in range(3):
                 for j in range(3):
                     gradients[e, i, j] += volume[e, g] * F[i, j]

@@ -152,8 +152,7 @@ def optimise(
     found = analysis(domain, where)
     weights = density_filter(domain.grid, task.filter_radius_m)
     if task.shares_variables:
-        # Their product would have as many entries more as there are cells.
-        weights = aslinearoperator(weights) @ aslinearoperator(cell_mean(domain, where))
+        weights = weights @ aslinearoperator(cell_mean(domain, where))
     state = state or first_state(domain)
     for k in range(len(state.rows), task.schedule.iterations if until is None else until):
         state = _iterate(domain, found, weights, state, k)
@@ -186,7 +185,7 @@ def densities(
     ----------
     domain : Domain
         The task on its grid.
-    weights : sparse matrix, (e, e)
+    weights : linear operator, (e, e)
         The density filter.
     x : ndarray, (e,)
         Design variables.
@@ -210,7 +209,7 @@ def designs_at(domain: Domain, weights: Any, x: Array, k: int) -> list[tuple[Arr
     ----------
     domain : Domain
         The task on its grid.
-    weights : sparse matrix, (e, e)
+    weights : linear operator, (e, e)
         The density filter.
     x : ndarray, (e,)
         Design variables.
@@ -238,7 +237,7 @@ def goal_of(
 
     Parameters
     ----------
-    weights : sparse matrix or linear operator, (e, e)
+    weights : linear operator, (e, e)
         From variables to densities before their projection.
     every : list of Evaluation
         Of these parts.

@@ -19,8 +19,8 @@ from soro_design.topology.physics.grid import Evaluation, Grid
 from soro_design.topology.physics.stroke import Stroke
 
 POWER = 10.0
-# Elements from this density on are of the part.
-SOLID = 0.5
+# Elements from this density on are of the part; below the other one they add less than numbers show.
+SOLID, FAINT = 0.5, 0.02
 # The limit is left out as long as the greatest elongation is below this share of what is allowed.
 WATCHED = 0.5
 
@@ -58,24 +58,27 @@ def stretched(grid: Grid, density: Array, u: Array) -> Stretched:
     u : ndarray, (n, d)
         Displacements [m].
     """
-    cells, slope, hoop = grid.mesh.cells, grid.slope[grid.kind], grid.hoop[grid.kind]
+    is_there = density >= FAINT
+    kind, rho = grid.kind[is_there], density[is_there]
+    cells, slope, hoop = grid.mesh.cells[is_there], grid.slope[kind], grid.hoop[kind]
     left, stretch, right = np.linalg.svd(gradients(u[cells], slope, hoop))
     longer = np.maximum(stretch - 1.0, 0.0)
-    share = grid.volume[grid.kind] / grid.volumes.sum()
-    counted = share[:, :, None] * longer**POWER
-    total = float(density**POWER @ counted.sum(axis=(1, 2)))
-    is_part = density >= SOLID
+    share = (grid.volume[kind] / grid.volumes.sum())[:, :, None]
+    by_element = (share * longer**POWER).sum(axis=(1, 2))
+    total = float(rho**POWER @ by_element)
+    is_part = rho >= SOLID
     greatest = float(stretch[is_part].max()) if is_part.any() else 1.0
+    by_density, of_cells = np.zeros_like(density), np.zeros((*grid.mesh.cells.shape, u.shape[1]))
     if total == 0.0:
-        return Stretched(greatest, 0.0, np.zeros_like(density), np.zeros_like(u))
+        return Stretched(greatest, 0.0, by_density, np.zeros_like(u))
     mean = total ** (1.0 / POWER)
     scale = mean ** (1.0 - POWER)
-    by_density = scale * density ** (POWER - 1.0) * counted.sum(axis=(1, 2))
-    by_stretch = scale * (density**POWER)[:, None, None] * share[:, :, None] * longer ** (POWER - 1.0)
-    by_gradient = np.einsum("egij,egj,egjk->egik", left, by_stretch, right)
+    by_density[is_there] = scale * rho ** (POWER - 1.0) * by_element
+    by_stretch = scale * (rho**POWER)[:, None, None] * share * longer ** (POWER - 1.0)
+    by_gradient = np.matmul(left * by_stretch[:, :, None, :], right)
     d = u.shape[1]
-    of_cells = np.einsum("egid,egad->eai", by_gradient[..., :d, :d], slope)
-    of_cells[:, :, 0] += np.einsum("eg,ega->ea", by_gradient[..., 2, 2], hoop)
+    of_cells[is_there] = np.einsum("egid,egad->eai", by_gradient[..., :d, :d], slope)
+    of_cells[is_there, :, 0] += np.einsum("eg,ega->ea", by_gradient[..., 2, 2], hoop)
     by_u = np.stack([grid.gathered(of_cells[:, :, i]) for i in range(d)], axis=1)
     return Stretched(greatest, mean, by_density, by_u)
 

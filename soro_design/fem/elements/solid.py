@@ -86,7 +86,7 @@ def make_work(size: int) -> ElementWork:
         np.empty((3, 3)),
         np.empty((3, 3)),
         np.empty((9, 9)),
-        np.empty((3, 3, 3)),
+        np.empty((5, 3, 3)),
         np.empty(9),
         np.empty(size),
         np.empty(size),
@@ -134,16 +134,13 @@ def add_stiffness(A: Array, slope: Array, hoop: Array, volume: float, column: Ar
     n, d = slope.shape
     for a in range(n):
         for k in range(d):
+            # Rows of A, which is symmetric: they lie together in memory.
             for m in range(9):
-                # In a section F_13, F_23, F_31 and F_32 do not change.
-                if d == 2 and (m == 2 or 5 <= m <= 7):
-                    continue
-                value = 0.0
-                for j in range(d):
-                    value += A[m, 3 * k + j] * slope[a, j]
-                if k == 0:
-                    value += A[m, 8] * hoop[a]
-                column[m] = volume * value
+                column[m] = volume * hoop[a] * A[8, m] if k == 0 else 0.0
+            for j in range(d):
+                along = volume * slope[a, j]
+                for m in range(9):
+                    column[m] += along * A[3 * k + j, m]
             for b in range(a, n):
                 for i in range(d):
                     value = 0.0
@@ -152,6 +149,40 @@ def add_stiffness(A: Array, slope: Array, hoop: Array, volume: float, column: Ar
                     if i == 0:
                         value += hoop[b] * column[8]
                     K[b * d + i, a * d + k] += value
+
+
+@inner
+def add_volume_stiffness(F: Array, slope: Array, hoop: Array, factor: float, K: Array) -> None:
+    """Add factor dF : d2J/dF2 : dF to the lower half of the stiffness (n d, n d) of the element.
+
+    Of motions of node a along i and b along k it is F_m . (dN_a x dN_b), with the third direction m and rows
+    F_m of F.
+    """
+    n, d = slope.shape
+    for a in range(n):
+        for b in range(a, n):
+            if d == 3:
+                x = slope[a, 1] * slope[b, 2] - slope[a, 2] * slope[b, 1]
+                y = slope[a, 2] * slope[b, 0] - slope[a, 0] * slope[b, 2]
+                z = slope[a, 0] * slope[b, 1] - slope[a, 1] * slope[b, 0]
+                for i in range(3):
+                    k, m = (i + 1) % 3, (i + 2) % 3
+                    value = factor * (F[m, 0] * x + F[m, 1] * y + F[m, 2] * z)
+                    K[b * d + k, a * d + i] += value
+                    K[b * d + i, a * d + k] -= value
+            else:
+                value = factor * F[2, 2] * (slope[a, 0] * slope[b, 1] - slope[a, 1] * slope[b, 0])
+                K[b * d + 1, a * d] += value
+                K[b * d, a * d + 1] -= value
+                # J = F_33 (F_11 F_22 - F_12 F_21), and F_33 moves with x.
+                ha, hb = factor * hoop[a], factor * hoop[b]
+                for j in range(2):
+                    i = 1 - j
+                    sign = 1.0 if j == 0 else -1.0
+                    # Along x of a with F_1j of b, F_2j of b; and the other way round.
+                    K[b * d, a * d] += sign * F[1, i] * (ha * slope[b, j] + hb * slope[a, j])
+                    K[b * d + 1, a * d] -= sign * F[0, i] * ha * slope[b, j]
+                    K[b * d, a * d + 1] -= sign * F[0, i] * hb * slope[a, j]
 
 
 @inner
@@ -190,7 +221,10 @@ def respond_element(
     by_volume[:] = 0.0
     total, deformed, straight, energy = 0.0, 0.0, 0.0, 0.0
     for g in range(volume.shape[0]):
-        straight += volume[g] * straight_ratio(u, before, slope[g], hoop[g], work)
+        if with_stiffness:
+            straight += volume[g] * straight_ratio(u, before, slope[g], hoop[g], work)
+        else:
+            fill_gradient(u, slope[g], hoop[g], F)
         J = cofactor(F, H)
         if not J > 0.0:
             return math.nan
@@ -205,18 +239,20 @@ def respond_element(
         energy += 0.5 * total * mean_stress * (deformed / total - 1.0)
         bulk -= shared * bulk
     for g in range(volume.shape[0]):
-        ratio = straight_ratio(u, before, slope[g], hoop[g], work) if bulk > 0.0 else 0.0
+        ratio = 0.0
+        if with_stiffness and bulk > 0.0:
+            ratio = straight_ratio(u, before, slope[g], hoop[g], work)
         fill_gradient(u, slope[g], hoop[g], F)
         J = cofactor(F, H)
-        energy += volume[g] * respond(law, bulk, (F, H), work.products, P, A)
+        energy += volume[g] * respond(law, bulk, (F, H), with_stiffness, work.products, (P, A))
         if is_averaged:
             for i in range(3):
                 for j in range(3):
                     P[i, j] += mean_stress * H[i, j]
-        # The law has the pressure at J, the stiffness that of the straight line.
-        add_volume_curvature(F, straight_stress + bulk * (ratio - J), A)
         add_force(P, slope[g], hoop[g], volume[g], f)
         if with_stiffness:
+            # The law has the pressure at J, the stiffness that of the straight line.
+            add_volume_curvature(F, straight_stress + bulk * (ratio - J), A)
             add_stiffness(A, slope[g], hoop[g], volume[g], work.column, K)
     if with_stiffness and is_averaged:
         for i in range(f.shape[0]):

@@ -5,12 +5,13 @@ from __future__ import annotations
 import contextlib
 import functools
 import logging
+from collections.abc import Callable
 from importlib.util import find_spec
 from typing import Any, Protocol
 
 import numpy as np
 from scipy.sparse import triu
-from scipy.sparse.linalg import splu
+from scipy.sparse.linalg import LinearOperator, gmres, splu
 
 from soro_core.arrays import Array, Integers
 from soro_design.fem.solve.multigrid import Multigrid
@@ -21,6 +22,8 @@ PIVOT = 1e-3
 LOOSE = 1e13
 # Rows from which pardiso pays for a solid, and from which multigrid does.
 MANY, LARGE = 15_000, 20_000
+# Steps of GMRES that take less time than new factors of a section.
+STEPS = 16
 # Greatest share by which a matrix may lack symmetry and still count as symmetric.
 SKEW = 1e-13
 
@@ -114,6 +117,43 @@ def factorised(
     # Of SuperLU; that of pardiso is an own kind.
     except RuntimeError:
         return None
+
+
+class KeptFactors:
+    """Factors of one matrix, which precondition GMRES for those near by; new ones where that takes long.
+
+    Parameters
+    ----------
+    factorise : callable
+        From a matrix (n, n) to its factors, or None where a pivot is 0.
+    """
+
+    def __init__(self, factorise: Callable[[Any], Factors | None]) -> None:
+        self._factorise = factorise
+        self._factors: Factors | None = None
+
+    def solve(self, matrix: Any, right: Array, tolerance: float) -> Array | None:
+        """Return the solution (n,), or None where the matrix is singular.
+
+        Parameters
+        ----------
+        matrix : sparse array, (n, n)
+            By columns.
+        right : ndarray, (n,)
+            Right hand side.
+        tolerance : float
+            Greatest residual of GMRES over the right hand side; new factors leave what rounding leaves.
+        """
+        kept = self._factors
+        if kept is not None:
+            product = LinearOperator(matrix.shape, lambda x: matrix @ kept.solve(x), dtype=float)
+            found, failed = gmres(product, right, rtol=tolerance, atol=0.0, restart=STEPS, maxiter=1)
+            if not failed:
+                return np.asarray(kept.solve(found))
+        # Large factors go before the next ones come.
+        self._factors = kept = None
+        self._factors = self._factorise(matrix)
+        return None if self._factors is None else self._factors.solve(right)
 
 
 def regular_factors(

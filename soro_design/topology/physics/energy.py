@@ -16,13 +16,13 @@ import numpy as np
 
 from soro_core._jit import inner, kernel
 from soro_core.arrays import Array, Integers
-from soro_design.fem.elements.response import add_volume_curvature, cofactor
+from soro_design.fem.elements.response import cofactor
 from soro_design.fem.elements.solid import (
     ElementLaw,
     ElementShape,
     ElementWork,
     add_force,
-    add_stiffness,
+    add_volume_stiffness,
     fill_gradient,
     make_work,
     respond_element,
@@ -63,10 +63,19 @@ class Elements(NamedTuple):
 
 @inner
 def _add_air(
-    element: ElementShape, shape: Array, p: Array, u: Array, work: ElementWork, to: tuple[Array, Array]
+    element: ElementShape,
+    with_stiffness: bool,
+    air: tuple[Array, Array],
+    u: Array,
+    work: ElementWork,
+    to: tuple[Array, Array],
 ) -> float:
-    """Add force and stiffness of -int p J dV to those in `to`; return it."""
+    """Add force and stiffness of -int p J dV to those in `to`; return it.
+
+    `air` has shape functions and pressures of the nodes.
+    """
     slope, hoop, volume = element
+    shape, p = air
     f, K = to
     energy = 0.0
     for g in range(volume.shape[0]):
@@ -76,9 +85,8 @@ def _add_air(
         fill_gradient(u, slope[g], hoop[g], work.F)
         energy += here * cofactor(work.F, work.H)
         add_force(work.H, slope[g], hoop[g], here, f)
-        work.A[:] = 0.0
-        add_volume_curvature(work.F, here, work.A)
-        add_stiffness(work.A, slope[g], hoop[g], 1.0, work.column, K)
+        if with_stiffness:
+            add_volume_stiffness(work.F, slope[g], hoop[g], here, K)
     return energy
 
 
@@ -138,7 +146,7 @@ def assemble(
                     K[i, j] += kappa[e] * gamma[e] ** 2 * Ks[i, j]
         if is_wet:
             element = ElementShape(slope[k], hoop[k], volume[k])
-            by_air += _add_air(element, shape, p, of_cell, work, (f, K))
+            by_air += _add_air(element, with_stiffness, (shape, p), of_cell, work, (f, K))
         for i in range(size):
             force[cells[e, i // d], i % d] += f[i]
         if with_stiffness:

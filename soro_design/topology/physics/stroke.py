@@ -13,7 +13,7 @@ from soro_core.errors import ModelError
 from soro_design.fem import Hyperelastic
 from soro_design.fem.elements.material import Material
 from soro_design.fem.solve.dissection import order_among
-from soro_design.fem.solve.linear import factorised
+from soro_design.fem.solve.linear import KeptFactors, factorised
 from soro_design.fem.solve.steps import LoadSteps, shortened
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.energy import Elements, assemble, sensitivities
@@ -25,6 +25,8 @@ _NONE = np.empty(0)
 TOLERANCE = 1e-7
 ROUNDS = 15
 FIRST_STEP, LEAST_STEP = 0.25, 0.05
+# Greatest residual of linear equations over their right hand side: of a step, and of the derivatives.
+STEP_RESIDUAL, ADJOINT_RESIDUAL = 1e-3, 1e-11
 
 
 class AirBalance(NamedTuple):
@@ -61,14 +63,17 @@ class PartAtRest:
         Energy of the material [J].
     residual : float
         Unbalanced force over the force of the air, as norms.
-    solver : object
-        Factors of the stiffness between free displacements.
+    stiffness : sparse array
+        Between free displacements [N/m].
+    factors : KeptFactors
+        Of a stiffness near by.
     """
 
     u: Array
     stored: float
     residual: float
-    solver: Any = field(repr=False)
+    stiffness: Any = field(repr=False)
+    factors: KeptFactors = field(repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,6 +226,8 @@ class Stroke:
         balance_at = partial(self.balance, kappa, gamma, pressure)
         scale = float(np.linalg.norm(balance_at(zero, with_stiffness=False).unbalanced)) or 1.0
         now = balance_at(u)
+        is_solid = self.grid.mesh.space == "solid"
+        factors = KeptFactors(partial(factorised, is_solid=is_solid, order=self._order))
         for _ in range(ROUNDS):
             if now.inverted >= 0:
                 return None, self._inversion(now.inverted)
@@ -228,14 +235,15 @@ class Stroke:
             is_met = size <= TOLERANCE * scale
             # That of the state itself, for the derivatives.
             self._matrix.data = balance_at(u).data if is_met else now.data
-            is_solid = self.grid.mesh.space == "solid"
-            solver = factorised(self._matrix, is_solid, order=self._order)
-            if solver is None:
-                return None, "the stiffness is singular"
             if is_met:
-                return PartAtRest(u, now.stored, size / scale, solver), ""
+                return PartAtRest(u, now.stored, size / scale, self._matrix, factors), ""
+            # The nearer to rest, the more exact: so that steps near it square the residual.
+            share = min(STEP_RESIDUAL, size / scale)
+            found = factors.solve(self._matrix, now.unbalanced.ravel()[self._free], share)
+            if found is None:
+                return None, "the stiffness is singular"
             step = zero.copy()
-            step.ravel()[self._free] = -solver.solve(now.unbalanced.ravel()[self._free])
+            step.ravel()[self._free] = -found
             u, now = shortened(balance_at, u, step)
         return None, f"the residual is {size / scale:.1e} after {ROUNDS} iterations"
 
@@ -276,7 +284,10 @@ class Stroke:
         inner = alone.unbalanced - np.where(self.is_held, 0.0, self.spring * at.u)
         adjoint = np.zeros(at.u.size)
         right = (by_out * self.output + by_energy * inner).ravel()[self._free]
-        adjoint[self._free] = -at.solver.solve(right)
+        moved = at.factors.solve(at.stiffness, right, ADJOINT_RESIDUAL)
+        if moved is None:
+            raise ModelError("the stiffness of the part at rest is singular: it may snap there", "pressure")
+        adjoint[self._free] = -moved
         by_element, by_pressure = np.empty((len(density), 4)), np.empty(len(no_air))
         state = at.u, adjoint.reshape(at.u.shape)
         sensitivities(self._elements, (kappa, gamma), air.at_nodes, state, (by_element, by_pressure))

@@ -73,9 +73,9 @@ def test_the_adjoint_is_exact(task, monkeypatch):
     assert np.abs(at.u).max() > 1e-4
     # Uphill everywhere, so that the slope is no small difference of large ones.
     along = rng.uniform(0.2, 1.0, len(density)) * np.sign(at.gradient)
-    slope = slope_of(lambda x: found.evaluate(x, 2.5, 8e3, at.u).objective, density, along, 5e-5)
+    slope = slope_of(lambda x: found.evaluate(x, 2.5, 8e3, at.u).objective, density, along, 4e-4)
     print(f"{task.space}: {abs(at.gradient @ along / slope - 1.0):.1e}")
-    assert at.gradient @ along == pytest.approx(slope, rel=2e-9)
+    assert at.gradient @ along == pytest.approx(slope, rel=1e-9)
 
 
 def test_the_gradient_of_the_compliance_is_exact():

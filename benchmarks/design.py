@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from benchmarks import design_fem, design_identified, design_topology
+from benchmarks import design_fem, design_identified, design_solid, design_topology
 from benchmarks.options import Options
 
 TITLE = "Design"
@@ -15,6 +15,7 @@ PARTS: tuple[Callable[[Options], tuple[str, str]], ...] = (
     design_fem.paths_and_motion,
     design_fem.three_bellow_part,
     design_topology.topology,
+    design_solid.solid,
     design_identified.identified,
 )
 

@@ -204,7 +204,7 @@ class _March:
         # Displacements with new accelerations of 0; what u is beyond them, these have made.
         coasted = last.u + h * last.v + h * h * (0.5 - beta) * last.a
         balance_at = partial(self.balance, last, coasted)
-        u, balance = last.u, balance_at(last.u, last.u)
+        u, balance, kept = last.u, balance_at(last.u, last.u), self.equations.kept_factors(last.u)
         for _ in range(self.iterations):
             if balance.inverted >= 0:
                 return None, inversion(self.part, balance.inverted)
@@ -212,12 +212,10 @@ class _March:
                 a = (u - coasted) / (beta * h * h)
                 v = last.v + h * ((1.0 - gamma) * last.a + gamma * a)
                 return self.moving(last.time_s + h, u, v, a), ""
-            tangent = self.equations.tangent(balance, u)
-            gap = self.equations.gap(u, load)
-            change = tangent.move(-balance.unbalanced, gap) if tangent else None
+            change = self.equations.step(balance, u, load, kept)
             if change is None:
                 return None, "the stiffness with the mass is singular; take shorter steps"
-            is_there = self.equations.is_there(gap)
+            is_there = self.equations.is_there(self.equations.gap(u, load))
             u, balance = moved(self.equations, balance_at, u, change, balance, is_there, is_searching)
         return None, f"no balance in {self.iterations} iterations; take shorter steps"
 

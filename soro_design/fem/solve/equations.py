@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -9,13 +10,15 @@ from scipy.sparse import diags_array
 
 from soro_core.arrays import Array
 from soro_design.fem.part import Balance, Part
-from soro_design.fem.solve.linear import Factors, factorised, regular_factors
+from soro_design.fem.solve.linear import Factors, KeptFactors, factorised, regular_factors
 from soro_design.fem.solve.multigrid import rigid_motions
 
 # Share of stiffness times displacements to which forces are known: some times the precision of numbers.
 ROUNDING = 2e-15
 # Greatest unbalanced force over the forces of stresses, whatever the rounding.
 LEAST = 1e-6
+# Greatest residual of a step's linear equations over their right hand side.
+STEP_RESIDUAL = 1e-5
 LOOSE_CAUSE = "nothing holds the part against some motion: hold it there"
 
 
@@ -110,6 +113,43 @@ class Equations:
         solver = factorised(self.reduced(balance), self.is_solid, self._motions(u))
         return None if solver is None else Tangent(self, balance, solver)
 
+    def kept_factors(self, u: Array) -> KeptFactors:
+        """Return a solver for the steps of Newton's method from u (n, d) [m] on."""
+        return KeptFactors(partial(factorised, is_solid=self.is_solid, motions=self._motions(u)))
+
+    def step(self, balance: Balance, u: Array, load: float, kept: KeptFactors) -> Array | None:
+        """Return a step (n, d) [m] of Newton's method, or None where the stiffness is singular.
+
+        Parameters
+        ----------
+        balance : Balance
+            Of the part at `u` and `load`.
+        u : ndarray, (n, d)
+            Displacements [m].
+        load : float
+            Load factor.
+        kept : KeptFactors
+            Of the steps before.
+        """
+        gap, off = self.gap(u, load), self.free(balance)
+        # The nearer to rest, the more exact: so that steps near it square the residual.
+        share = min(STEP_RESIDUAL, float(np.linalg.norm(off)) / balance.size) if balance.size else 0.0
+        found = kept.solve(self.reduced(balance), self.pull(balance, -off, gap), share)
+        return None if found is None else finite(found.reshape(u.shape) + gap)
+
+    def pull(self, balance: Balance, force: Array, held: Array) -> Array:
+        """Return the right hand side (n d,) of the equations of the free nodes.
+
+        Parameters
+        ----------
+        balance : Balance
+            Of the part.
+        force, held : ndarray, (n, d)
+            Force on free nodes [N], motion of held ones [m].
+        """
+        right = force.ravel() - (self.part.matrix(balance) @ held.ravel() if held.any() else 0.0)
+        return np.where(self.is_held.ravel(), 0.0, right)
+
     def state_forces(self, balance: Balance) -> Array:
         """Forces (n, d) [N] of the supports."""
         return np.where(self.is_held, balance.unbalanced, 0.0)
@@ -129,9 +169,7 @@ class Tangent:
     """
 
     def __init__(self, equations: Equations, balance: Balance, solver: Factors) -> None:
-        self._is_held = equations.is_held
-        self._matrix = equations.part.matrix(balance)
-        self._solver = solver
+        self._equations, self._balance, self._solver = equations, balance, solver
 
     def move(self, force: Array, held: Array) -> Array | None:
         """Return displacements (n, d) [m], or None where they are not finite.
@@ -143,6 +181,10 @@ class Tangent:
         held : ndarray, (n, d)
             Motion of held nodes [m], 0 where a node is free.
         """
-        right = force.ravel() - (self._matrix @ held.ravel() if held.any() else 0.0)
-        found = self._solver.solve(np.where(self._is_held.ravel(), 0.0, right)).reshape(force.shape) + held
-        return found if np.isfinite(found).all() else None
+        right = self._equations.pull(self._balance, force, held)
+        return finite(self._solver.solve(right).reshape(force.shape) + held)
+
+
+def finite(found: Array) -> Array | None:
+    """Return numbers if all are finite, else None."""
+    return found if np.isfinite(found).all() else None

@@ -54,7 +54,7 @@ def equilibrium(
     balance = balance_at(u, safe)
     if balance.inverted >= 0:
         u, balance = safe, balance_at(safe, safe)
-    last, growing = np.inf, 0
+    last, growing, kept = np.inf, 0, equations.kept_factors(u)
     for iteration in range(settings.iterations):
         if balance.inverted >= 0:
             return Attempt(None, inversion(part, balance.inverted), iteration)
@@ -68,10 +68,7 @@ def equilibrium(
         if growing == GROWING:
             return Attempt(None, f"the unbalanced force grows to {size:.3g} N", iteration)
         last = size if iteration else np.inf
-        tangent = equations.tangent(balance, u)
-        step = tangent.move(-balance.unbalanced, equations.gap(u, load)) if tangent else None
-        # Factors of large solids take much of the memory: these go before the next ones come.
-        del tangent
+        step = equations.step(balance, u, load, kept)
         if step is None:
             return Attempt(None, "the stiffness is singular: hold the part", iteration)
         is_there = equations.is_there(equations.gap(u, load))

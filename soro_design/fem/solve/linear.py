@@ -22,8 +22,8 @@ PIVOT = 1e-3
 LOOSE = 1e13
 # Rows from which pardiso pays for a solid, and from which multigrid does.
 MANY, LARGE = 15_000, 20_000
-# Steps of GMRES that take less time than new factors of a section.
-STEPS = 16
+# Most steps of GMRES for a digit of a solution: where it takes more, new factors take less time.
+STEPS_A_DIGIT, MOST_DIGITS = 3, 12
 # Greatest share by which a matrix may lack symmetry and still count as symmetric.
 SKEW = 1e-13
 
@@ -31,12 +31,17 @@ SKEW = 1e-13
 class Factors(Protocol):
     """A factorised matrix, or one that iterations solve."""
 
+    is_direct: bool
+    """Whether it is factorised: then a solution takes a small share of the time for the factors."""
+
     def solve(self, right: Array) -> Array:
         """Return the solution (n,) for a right hand side (n,)."""
 
 
 class _SuperLU:
     """Factors by SuperLU, in a given order or in one for symmetric patterns."""
+
+    is_direct = True
 
     def __init__(self, matrix: Any, order: Integers | None) -> None:
         self._order = slice(None) if order is None else order
@@ -53,6 +58,8 @@ class _SuperLU:
 
 class _Pardiso:
     """Factors by pardiso of the Math Kernel Library, of one half where the matrix is symmetric."""
+
+    is_direct = True
 
     def __init__(self, matrix: Any) -> None:
         from pypardiso import PyPardisoSolver
@@ -145,9 +152,11 @@ class KeptFactors:
             Greatest residual of GMRES over the right hand side; new factors leave what rounding leaves.
         """
         kept = self._factors
-        if kept is not None:
+        if kept is not None and kept.is_direct:
             product = LinearOperator(matrix.shape, lambda x: matrix @ kept.solve(x), dtype=float)
-            found, failed = gmres(product, right, rtol=tolerance, atol=0.0, restart=STEPS, maxiter=1)
+            digits = min(-np.log10(tolerance), MOST_DIGITS) if tolerance > 0.0 else MOST_DIGITS
+            most = int(STEPS_A_DIGIT * digits)
+            found, failed = gmres(product, right, rtol=tolerance, atol=0.0, restart=most, maxiter=1)
             if not failed:
                 return np.asarray(kept.solve(found))
         # Large factors go before the next ones come.

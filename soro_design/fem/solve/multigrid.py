@@ -36,6 +36,8 @@ class Multigrid:
         Whether it is.
     """
 
+    is_direct = False
+
     def __init__(self, matrix: Any, motions: Array, is_symmetric: bool) -> None:
         # By rows; the columns of a symmetric matrix are its rows.
         self._matrix = bsr_array(matrix.T if is_symmetric else matrix, blocksize=(3, 3))

@@ -114,13 +114,13 @@ def test_factors_go_before_the_next_ones_come(monkeypatch):
     most = []
     first = equations.factorised
 
-    def counted(*args):
+    def counted(*args, **given):
         most.append(len(alive))
-        found = first(*args)
+        found = first(*args, **given)
         alive.add(found)
         return found
 
     monkeypatch.setattr(equations, "factorised", counted)
     assert solve(clamped((2, 2, 3))).status == "solved"
-    assert len(most) > 3
+    assert len(most) > 2
     assert max(most) == 0

@@ -50,40 +50,48 @@ def _callable(place: Any, environment: Any, library: LinkedLibrary) -> Any:
 
 
 # What only passes an array on that another variable, or a caller, holds.
-_PASSING = {"getattr", "static_getitem", "build_tuple", "exhaust_iter", "cast", "phi"}
+_PASSING = {"build_tuple", "exhaust_iter", "cast", "phi"}
+_STORING = (ir.SetAttr, ir.DynamicRaise, ir.DynamicTryRaise)
 
 
 def _makes_array(state: Any) -> bool:
     """Whether a typed function returns an array, or has one made: then references to it are to be counted.
 
-    All else uses arrays that its callers keep alive.
+    All else uses arrays that its callers keep alive. To store an array (in an array, list or attribute), or
+    to raise with values, is to have something made.
     """
-    is_counted = _is_counted(state)
-    made = (
-        stated
-        for block in state.func_ir.blocks.values()
-        for stated in block.find_insts(ir.Assign)
-        if isinstance(stated.value, ir.Expr) and is_counted(state.typemap[stated.target.name])
-    )
-    return is_counted(state.return_type) or any(not _passes(one.value, state.typemap) for one in made)
-
-
-def _is_counted(state: Any) -> Callable[[Any], bool]:
-    """Return whether values of a type hold references that are counted."""
     models = state.targetctx.data_model_manager
-    return lambda kind: bool(models[kind].contains_nrt_meminfo())
+
+    def is_counted(kind: Any) -> bool:
+        return bool(models[kind].contains_nrt_meminfo())
+
+    def makes(stated: Any) -> bool:
+        if isinstance(stated, ir.SetItem | ir.StaticSetItem):
+            return is_counted(state.typemap[stated.value.name])
+        if not (isinstance(stated, ir.Assign) and isinstance(stated.value, ir.Expr)):
+            return isinstance(stated, _STORING)
+        return is_counted(state.typemap[stated.target.name]) and not _passes(
+            stated.value, state.typemap, is_counted
+        )
+
+    every = (stated for block in state.func_ir.blocks.values() for stated in block.body)
+    return is_counted(state.return_type) or any(map(makes, every))
 
 
-def _passes(made: ir.Expr, typemap: dict[str, Any]) -> bool:
-    """Whether an expression only passes an array on, or a part of it."""
+def _passes(made: ir.Expr, typemap: dict[str, Any], is_counted: Callable[[Any], bool]) -> bool:
+    """Whether an expression only passes an array on, or a part of what holds it."""
     if made.op == "call":
         return isinstance(typemap[made.func.name], types.NamedTupleClass)
-    if made.op == "getitem":
-        index = typemap[made.index.name]
-        return all(
-            isinstance(one, types.Integer | types.misc.SliceType) for one in getattr(index, "types", [index])
-        )
-    return made.op in _PASSING
+    if made.op not in ("getattr", "static_getitem", "getitem"):
+        return made.op in _PASSING
+    holder = typemap[made.value.name]
+    # A list or an object gives a reference of its own; the views of `soro_core._box` count none.
+    if is_counted(holder) and not isinstance(holder, types.Array | types.containers.BaseTuple):
+        return False
+    index = typemap[made.index.name] if made.op == "getitem" else types.intp
+    return all(
+        isinstance(one, types.Integer | types.misc.SliceType) for one in getattr(index, "types", [index])
+    )
 
 
 @register_pass(mutates_CFG=True, analysis_only=False)

@@ -1,5 +1,6 @@
 """Fixtures of all tests: golden cases, reference trajectories, and measured data that a user may lack."""
 
+import contextlib
 import gc
 import json
 import os
@@ -35,7 +36,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 @pytest.fixture(scope="session", autouse=True)
 def worker_domain() -> Iterator[None]:
     """Nodes of a test that takes no ROS domain of its own meet those of no other worker."""
-    with free_domain() as number, pytest.MonkeyPatch.context() as patch:
+    with contextlib.ExitStack() as held, pytest.MonkeyPatch.context() as patch:
+        try:
+            number = held.enter_context(free_domain())
+        except RuntimeError:  # most tests need none
+            number = 0
         patch.setenv("ROS_DOMAIN_ID", str(number))
         patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         yield

@@ -17,9 +17,10 @@ _taken = itertools.count()
 def _candidates() -> list[int]:
     worker = os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw")
     workers = int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
-    mine = range(FIRST + int(worker), LAST, workers)
+    every = range(FIRST, LAST)
+    mine = every[int(worker) % len(every) :: workers]
     start = next(_taken) % len(mine)
-    return [*mine[start:], *mine[:start]]
+    return [*mine[start:], *mine[:start], *(number for number in every if number not in mine)]
 
 
 @contextlib.contextmanager

@@ -19,7 +19,7 @@ from soro_design.topology.physics.grid import Evaluation, Grid
 from soro_design.topology.physics.stroke import Stroke
 
 POWER = 10.0
-# Elements from this density on are of the part; below the other one they add less than numbers show.
+# Elements from this density on are of the part; below the other one they are void: its stretch means nothing.
 SOLID, FAINT = 0.5, 0.02
 # The limit is left out as long as the greatest elongation is below this share of what is allowed.
 WATCHED = 0.5

@@ -193,7 +193,7 @@ def main() -> int:
             for one, tried in [(one, pool.submit(_try, one, wheel)) for one in environments]:
                 try:
                     print(f"{one.name}: {tried.result()}", flush=True)
-                except (FailedError, subprocess.TimeoutExpired) as error:
+                except (FailedError, RuntimeError, subprocess.TimeoutExpired) as error:
                     failed += 1
                     print(f"{one.name}: FAILED: {error}", flush=True)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)

@@ -155,8 +155,8 @@ def add_stiffness(A: Array, slope: Array, hoop: Array, volume: float, column: Ar
 def add_volume_stiffness(F: Array, slope: Array, hoop: Array, factor: float, K: Array) -> None:
     """Add factor dF : d2J/dF2 : dF to the lower half of the stiffness (n d, n d) of the element.
 
-    Of motions of node a along i and b along k it is F_m . (dN_a x dN_b), with the third direction m and rows
-    F_m of F.
+    In space, of motions of node a along i and b along k it is F_m . (dN_a x dN_b), with rows F_m of F, where
+    i, k, m follow upon each other, and minus that where k, i, m do.
     """
     n, d = slope.shape
     for a in range(n):

@@ -17,6 +17,7 @@ from soro_core.errors import ModelError
 from soro_design.fem.part import Balance, Part
 from soro_design.fem.solve.equations import Equations
 from soro_design.fem.solve.equilibrium import inversion, moved
+from soro_design.fem.solve.linear import KeptFactors
 from soro_design.fem.solve.mass import mass_entries
 
 
@@ -204,7 +205,7 @@ class _March:
         # Displacements with new accelerations of 0; what u is beyond them, these have made.
         coasted = last.u + h * last.v + h * h * (0.5 - beta) * last.a
         balance_at = partial(self.balance, last, coasted)
-        u, balance, kept = last.u, balance_at(last.u, last.u), self.equations.kept_factors(last.u)
+        u, balance, kept = last.u, balance_at(last.u, last.u), KeptFactors()
         for _ in range(self.iterations):
             if balance.inverted >= 0:
                 return None, inversion(self.part, balance.inverted)

@@ -113,10 +113,6 @@ class Equations:
         solver = factorised(self.reduced(balance), self.is_solid, self._motions(u))
         return None if solver is None else Tangent(self, balance, solver)
 
-    def kept_factors(self, u: Array) -> KeptFactors:
-        """Return a solver for the steps of Newton's method from u (n, d) [m] on."""
-        return KeptFactors(partial(factorised, is_solid=self.is_solid, motions=self._motions(u)))
-
     def step(self, balance: Balance, u: Array, load: float, kept: KeptFactors) -> Array | None:
         """Return a step (n, d) [m] of Newton's method, or None where the stiffness is singular.
 
@@ -134,7 +130,8 @@ class Equations:
         gap, off = self.gap(u, load), self.free(balance)
         # The nearer to rest, the more exact: so that steps near it square the residual.
         share = min(STEP_RESIDUAL, float(np.linalg.norm(off)) / balance.size) if balance.size else 0.0
-        found = kept.solve(self.reduced(balance), self.pull(balance, -off, gap), share)
+        factorise = partial(factorised, is_solid=self.is_solid, motions=self._motions(u))
+        found = kept.solve(self.reduced(balance), self.pull(balance, -off, gap), share, factorise)
         return None if found is None else finite(found.reshape(u.shape) + gap)
 
     def pull(self, balance: Balance, force: Array, held: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 from soro_core.arrays import Array
 from soro_design.fem.part import Balance, Part
 from soro_design.fem.solve.equations import Equations
+from soro_design.fem.solve.linear import KeptFactors
 from soro_design.fem.solve.states import EquilibriumState, SolverSettings
 from soro_design.fem.solve.steps import CUT, shortened, whole_or_half
 
@@ -54,7 +55,7 @@ def equilibrium(
     balance = balance_at(u, safe)
     if balance.inverted >= 0:
         u, balance = safe, balance_at(safe, safe)
-    last, growing, kept = np.inf, 0, equations.kept_factors(u)
+    last, growing, kept = np.inf, 0, KeptFactors()
     for iteration in range(settings.iterations):
         if balance.inverted >= 0:
             return Attempt(None, inversion(part, balance.inverted), iteration)

@@ -127,19 +127,14 @@ def factorised(
 
 
 class KeptFactors:
-    """Factors of one matrix, which precondition GMRES for those near by; new ones where that takes long.
+    """Factors of one matrix, which precondition GMRES for those near by; new ones where that takes long."""
 
-    Parameters
-    ----------
-    factorise : callable
-        From a matrix (n, n) to its factors, or None where a pivot is 0.
-    """
-
-    def __init__(self, factorise: Callable[[Any], Factors | None]) -> None:
-        self._factorise = factorise
+    def __init__(self) -> None:
         self._factors: Factors | None = None
 
-    def solve(self, matrix: Any, right: Array, tolerance: float) -> Array | None:
+    def solve(
+        self, matrix: Any, right: Array, tolerance: float, factorise: Callable[[Any], Factors | None]
+    ) -> Array | None:
         """Return the solution (n,), or None where the matrix is singular.
 
         Parameters
@@ -150,18 +145,20 @@ class KeptFactors:
             Right hand side.
         tolerance : float
             Greatest residual of GMRES over the right hand side; new factors leave what rounding leaves.
+        factorise : callable
+            From a matrix (n, n) to its factors, or None where a pivot is 0.
         """
         kept = self._factors
-        if kept is not None and kept.is_direct:
+        # Where nothing or no number is asked for, no iteration ends.
+        if kept is not None and kept.is_direct and tolerance > 0.0 and np.isfinite(right).all():
             product = LinearOperator(matrix.shape, lambda x: matrix @ kept.solve(x), dtype=float)
-            digits = min(-np.log10(tolerance), MOST_DIGITS) if tolerance > 0.0 else MOST_DIGITS
-            most = int(STEPS_A_DIGIT * digits)
+            most = int(STEPS_A_DIGIT * min(-np.log10(tolerance), MOST_DIGITS))
             found, failed = gmres(product, right, rtol=tolerance, atol=0.0, restart=most, maxiter=1)
             if not failed:
                 return np.asarray(kept.solve(found))
         # Large factors go before the next ones come.
         self._factors = kept = None
-        self._factors = self._factorise(matrix)
+        self._factors = factorise(matrix)
         return None if self._factors is None else self._factors.solve(right)
 
 

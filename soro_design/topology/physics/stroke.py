@@ -13,7 +13,7 @@ from soro_core.errors import ModelError
 from soro_design.fem import Hyperelastic
 from soro_design.fem.elements.material import Material
 from soro_design.fem.solve.dissection import order_among
-from soro_design.fem.solve.linear import KeptFactors, factorised
+from soro_design.fem.solve.linear import Factors, KeptFactors, factorised
 from soro_design.fem.solve.steps import LoadSteps, shortened
 from soro_design.topology.physics.darcy import Flow, pressures
 from soro_design.topology.physics.energy import Elements, assemble, sensitivities
@@ -64,7 +64,7 @@ class PartAtRest:
     residual : float
         Unbalanced force over the force of the air, as norms.
     stiffness : sparse array
-        Between free displacements [N/m].
+        Between free displacements [N/m]; its numbers are those of this part until the next one is at rest.
     factors : KeptFactors
         Of a stiffness near by.
     """
@@ -226,8 +226,7 @@ class Stroke:
         balance_at = partial(self.balance, kappa, gamma, pressure)
         scale = float(np.linalg.norm(balance_at(zero, with_stiffness=False).unbalanced)) or 1.0
         now = balance_at(u)
-        is_solid = self.grid.mesh.space == "solid"
-        factors = KeptFactors(partial(factorised, is_solid=is_solid, order=self._order))
+        factors = KeptFactors()
         for _ in range(ROUNDS):
             if now.inverted >= 0:
                 return None, self._inversion(now.inverted)
@@ -239,13 +238,17 @@ class Stroke:
                 return PartAtRest(u, now.stored, size / scale, self._matrix, factors), ""
             # The nearer to rest, the more exact: so that steps near it square the residual.
             share = min(STEP_RESIDUAL, size / scale)
-            found = factors.solve(self._matrix, now.unbalanced.ravel()[self._free], share)
+            off = now.unbalanced.ravel()[self._free]
+            found = factors.solve(self._matrix, off, share, self._factorised)
             if found is None:
                 return None, "the stiffness is singular"
             step = zero.copy()
             step.ravel()[self._free] = -found
             u, now = shortened(balance_at, u, step)
         return None, f"the residual is {size / scale:.1e} after {ROUNDS} iterations"
+
+    def _factorised(self, matrix: Any) -> Factors | None:
+        return factorised(matrix, is_solid=self.grid.mesh.space == "solid", order=self._order)
 
     def _inversion(self, e: int) -> str:
         return f"the solid at {place_text(self.grid.centres[e])} turns inside out"
@@ -284,7 +287,7 @@ class Stroke:
         inner = alone.unbalanced - np.where(self.is_held, 0.0, self.spring * at.u)
         adjoint = np.zeros(at.u.size)
         right = (by_out * self.output + by_energy * inner).ravel()[self._free]
-        moved = at.factors.solve(at.stiffness, right, ADJOINT_RESIDUAL)
+        moved = at.factors.solve(at.stiffness, right, ADJOINT_RESIDUAL, self._factorised)
         if moved is None:
             raise ModelError("the stiffness of the part at rest is singular: it may snap there", "pressure")
         adjoint[self._free] = -moved

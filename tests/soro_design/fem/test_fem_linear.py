@@ -9,7 +9,7 @@ from soro_design.fem.meshes.blocks import block
 from soro_design.fem.part import make_part
 from soro_design.fem.solve import linear
 from soro_design.fem.solve.dissection import rows_dissected
-from soro_design.fem.solve.linear import factorised
+from soro_design.fem.solve.linear import KeptFactors, factorised
 from soro_design.fem.solve.multigrid import conjugate_gradients, rigid_motions
 from soro_design.fem.solve.newton import solve
 from tests.soro_design.fem.moving_parts import SOFT
@@ -37,6 +37,37 @@ def test_in_the_order_of_nested_dissection_factors_are_sparser_and_solve_the_sam
     assert ordered.solve(right) == pytest.approx(plain.solve(right), rel=1e-8)
     print(ordered._lu.L.nnz / plain._lu.L.nnz)
     assert ordered._lu.L.nnz < plain._lu.L.nnz
+
+
+def test_factors_serve_a_matrix_near_by_and_new_ones_one_far_away():
+    rng = np.random.default_rng(1)
+    near, right = (
+        csc_array(np.diag(rng.uniform(1.0, 2.0, 40)) + 0.1 * rng.normal(size=(40, 40))),
+        rng.normal(size=40),
+    )
+    made, kept = [], KeptFactors()
+
+    def factorise(matrix):
+        made.append(factorised(matrix))
+        return made[-1]
+
+    def solved(matrix, tolerance=1e-10, right=right):
+        return kept.solve(matrix, right, tolerance, factorise)
+
+    bent = csc_array(near.toarray() * (1.0 + 1e-3 * rng.normal(size=(40, 40))))
+    for matrix in (near, bent):
+        assert np.linalg.norm(matrix @ solved(matrix) - right) < 1e-10 * np.linalg.norm(right)
+    assert len(made) == 1
+    far = csc_array(np.diag(rng.uniform(1.0, 2.0, 40)) + rng.normal(size=(40, 40)))
+    assert far @ solved(far) == pytest.approx(right)
+    assert len(made) == 2
+    # Nothing is asked for that iterations could reach.
+    assert far @ solved(far, 0.0) == pytest.approx(right)
+    assert np.isnan(solved(far, right=np.full(40, np.nan))).all()
+    assert len(made) == 4
+    assert solved(csc_array(np.ones((40, 40)))) is None
+    assert near @ solved(near) == pytest.approx(right)
+    assert len(made) == 6
 
 
 def solid(is_held=True):

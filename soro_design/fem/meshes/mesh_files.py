@@ -150,7 +150,10 @@ def read_mesh(path: str | Path, space: Space, unit_m: float = 1.0) -> MeshFile:
     wanted = [kind for kind in fitting if kind in kinds]
     if not wanted:
         held = ", ".join(sorted({block.type for block in found.cells if len(block.data)})) or "none"
-        raise ModelError(f"path {path}: elements {held}; allowed: {', '.join(fitting)} ({space})", "path")
+        allowed = f"{', '.join(fitting)} ({space})"
+        if space == "solid" and held == "triangle":
+            allowed += "; or this surface as .stl, if it is closed: netgen meshes its inside (soro[mesh])"
+        raise ModelError(f"path {path}: elements {held}; allowed: {allowed}", "path")
     if len(kinds) > 1:
         held = " and ".join([*wanted, *sorted(kinds.difference(wanted))])
         raise ModelError(f"path {path}: elements {held}; allowed: one kind of {', '.join(fitting)}", "path")

@@ -237,7 +237,7 @@ STRANGE = {
     ),
     "page": ("part.msh", b"<!DOCTYPE html><html>404", "a web page"),
     "unknown": ("part.odd", b"no mesh\n", "nor by the ending '.odd'"),
-    "surface": ("part.obj", OBJ.encode(), "elements triangle"),
+    "surface": ("part.obj", OBJ.encode(), "or this surface as .stl"),
     "surface under another name": ("part.msh", OBJ.encode(), "elements triangle"),
     "cut in its elements": ("part.msh", PLAIN.replace("$EndElements", "")[:-4].encode(), "and damaged"),
     "no elements": ("part.msh", PLAIN.replace("1\n1 4 2 1 1 1 2 3 4\n", "0\n").encode(), "part.msh"),

@@ -131,10 +131,10 @@ class Equations:
         # The nearer to rest, the more exact: so that steps near it square the residual.
         share = min(STEP_RESIDUAL, float(np.linalg.norm(off)) / balance.size) if balance.size else 0.0
         factorise = partial(factorised, is_solid=self.is_solid, motions=self._motions(u))
-        found = kept.solve(self.reduced(balance), self.pull(balance, -off, gap), share, factorise)
+        found = kept.solve(self.reduced(balance), self.right_hand_side(balance, -off, gap), share, factorise)
         return None if found is None else finite(found.reshape(u.shape) + gap)
 
-    def pull(self, balance: Balance, force: Array, held: Array) -> Array:
+    def right_hand_side(self, balance: Balance, force: Array, held: Array) -> Array:
         """Return the right hand side (n d,) of the equations of the free nodes.
 
         Parameters
@@ -178,7 +178,7 @@ class Tangent:
         held : ndarray, (n, d)
             Motion of held nodes [m], 0 where a node is free.
         """
-        right = self._equations.pull(self._balance, force, held)
+        right = self._equations.right_hand_side(self._balance, force, held)
         return finite(self._solver.solve(right).reshape(force.shape) + held)
 
 

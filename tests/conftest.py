@@ -42,7 +42,6 @@ def worker_domain() -> Iterator[None]:
         except RuntimeError:  # most tests need none
             number = 0
         patch.setenv("ROS_DOMAIN_ID", str(number))
-        patch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         yield
 
 

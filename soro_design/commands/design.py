@@ -299,11 +299,12 @@ def _numbers(
     if moved is None:
         return rows
     gap = moved.motion_m / row.motion_m - 1.0
+    lowered = f", under {1e-3 * row.pressure_pa:.3g} kPa alone" if row.eased < 1.0 else ""
     side, degrees = "left" if moved.turn < 0.0 else "right", np.degrees(abs(moved.turn))
     turn = f", turned {side} by {degrees:.0f} degrees" if degrees >= 0.5 else ""
     return [
         *rows,
-        ("motion with spring, grid", f"{1e3 * row.motion_m:.3f} mm"),
+        ("motion with spring, grid", f"{1e3 * row.motion_m:.3f} mm{lowered}"),
         ("motion with spring, own mesh", f"{1e3 * moved.motion_m:.3f} mm ({gap:+.1%})"),
         ("motion without spring, own mesh", f"{1e3 * moved.free_m:.3f} mm{turn}"),
         ("greatest stretch, grid and own mesh", f"{row.stretch:.3f}, {moved.stretch:.3f}{_allowed(domain)}"),

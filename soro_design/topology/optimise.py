@@ -26,9 +26,9 @@ from soro_design.topology.shape import mean_level, snapped
 from soro_design.topology.stretch import WATCHED, limit_of, slope_of_mean, stretched
 from soro_design.topology.task import Task
 
-# Where there is no equilibrium the pressure is lowered so often by this factor, and rises again by the other.
-RETREATS = 6
-EASED, RISING = 0.8, 1.2
+# A pressure that was lowered, where a design had no equilibrium, rises again by this factor. A run in which
+# it is low for so many iterations looks for a part that the air carries away.
+RISING, MOST_LOWERED = 1.2, 20
 STATE = "state.npz"
 # Densities of the film are kept as whole numbers up to this.
 TONES = 255
@@ -158,6 +158,7 @@ def optimise(
         state = _iterate(domain, found, weights, state, k)
         if progress is not None:
             progress(state)
+        _require_pressure(task, state.rows)
     return state
 
 
@@ -225,9 +226,13 @@ def designs_at(domain: Domain, weights: Any, x: Array, k: int) -> list[tuple[Arr
 def _evaluated(
     found: Stroke | Compliance, density: Array, penalty: float, pressure_pa: float, guess: Array
 ) -> Evaluation:
+    """The part under a pressure, or under what share of it has an equilibrium."""
     if isinstance(found, Compliance):
         return found.evaluate(density, penalty, pressure_pa)
-    return found.evaluate(density, penalty, pressure_pa, guess)
+    try:
+        return found.evaluate(density, penalty, pressure_pa, guess, may_lower=True)
+    except ModelError as error:
+        raise ModelError(f"{pressure_pa:.4g} Pa: {error}", error.key) from None
 
 
 def goal_of(
@@ -248,24 +253,19 @@ def goal_of(
     return float(np.mean([one.objective for one in every])), weights.T @ np.mean(slopes, axis=0)
 
 
-def _retreating(
-    found: Stroke | Compliance,
-    density: Array,
-    penalty: float,
-    scheduled_pa: float,
-    eased: float,
-    guess: Array,
-) -> tuple[Evaluation, float]:
-    """Return the evaluation of a part, and the share of the scheduled pressure under which it has one."""
-    for _ in range(RETREATS):
-        try:
-            return _evaluated(found, density, penalty, eased * scheduled_pa, guess), eased
-        except ModelError:
-            eased *= EASED
-    try:
-        return _evaluated(found, density, penalty, eased * scheduled_pa, guess), eased
-    except ModelError as error:
-        raise ModelError(f"{eased * scheduled_pa:.4g} Pa: {error}", error.key) from None
+def _require_pressure(task: Task, rows: tuple[IterationRow, ...]) -> None:
+    """Refuse to go on where the pressure has just been low for too long: other goals would help."""
+    recent = [row.eased < 1.0 for row in rows[-MOST_LOWERED - 1 :]]
+    if all(recent[-MOST_LOWERED:]) and recent.count(True) == MOST_LOWERED:
+        row = rows[-1]
+        raise ModelError(
+            f"iteration {row.iteration}: for {MOST_LOWERED} iterations no design had an equilibrium under "
+            f"the pressure of the schedule, the last one under {row.pressure_pa:.4g} of "
+            f"{row.pressure_pa / row.eased:.4g} Pa: the goal asks for a part so soft that its air carries it "
+            "away; allowed: a greater goal.spring_pa and goal.energy_exponent, more of it held, a lower "
+            "schedule.pressure_pa; or go on as it is with --resume",
+            "schedule.pressure_pa",
+        )
 
 
 def _iterate(
@@ -278,14 +278,15 @@ def _iterate(
     filtered, density, slope = designs[0]
     eased = min(1.0, RISING * state.rows[-1].eased) if state.rows else 1.0
     try:
-        at, eased = _retreating(found, density, penalty, scheduled, eased, state.u)
+        at = _evaluated(found, density, penalty, eased * scheduled, state.u)
     except ModelError as error:
         raise ModelError(f"iteration {k + 1}, {error}", error.key) from None
+    eased *= at.share
     pressure, every, thinner_pa = eased * scheduled, [at], np.nan
     try:
         for _, one, _ in designs[1:]:
-            thinner, share = _retreating(found, one, penalty, scheduled, eased, at.u)
-            every, thinner_pa = [at, thinner], share * scheduled
+            thinner = _evaluated(found, one, penalty, pressure, at.u)
+            every, thinner_pa = [at, thinner], thinner.share * pressure
     except ModelError:
         # Torn altogether: the part alone counts.
         designs = designs[:1]

@@ -39,6 +39,8 @@ class Evaluation:
         Of the nodes [Pa].
     residual : float
         Unbalanced force over the force of the air, as norms.
+    share : float
+        Of the pressure that was asked for: below 1 where there is no equilibrium under all of it.
     """
 
     objective: float
@@ -47,6 +49,7 @@ class Evaluation:
     u: Array
     pressure: Array
     residual: float
+    share: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

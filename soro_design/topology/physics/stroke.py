@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -25,6 +25,9 @@ _NONE = np.empty(0)
 TOLERANCE = 1e-7
 ROUNDS = 15
 FIRST_STEP, LEAST_STEP = 0.25, 0.05
+# Where there is no equilibrium, the pressure is lowered by this factor; also before a limit point, where the
+# part is carried away.
+LOWERED = 0.8
 # Greatest residual of linear equations over their right hand side: of a step, and of the derivatives.
 STEP_RESIDUAL, ADJOINT_RESIDUAL = 1e-3, 1e-11
 
@@ -67,6 +70,8 @@ class PartAtRest:
         Between free displacements [N/m]; its numbers are those of this part until the next one is at rest.
     factors : KeptFactors
         Of a stiffness near by.
+    share : float
+        Of the pressures under which it rests.
     """
 
     u: Array
@@ -74,6 +79,7 @@ class PartAtRest:
     residual: float
     stiffness: Any = field(repr=False)
     factors: KeptFactors = field(repr=False)
+    share: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,8 +191,10 @@ class Stroke:
         force[self.is_held] = 0.0
         return AirBalance(stored, potential, bad, force, data)
 
-    def rest(self, density: Array, penalty: float, pressure: Array, guess: Array) -> PartAtRest:
-        """Return where the part rests under the pressures of its nodes.
+    def rest(
+        self, density: Array, penalty: float, pressure: Array, guess: Array, may_lower: bool = False
+    ) -> PartAtRest:
+        """Return where the part rests under the pressures of its nodes, or under a share of them.
 
         Parameters
         ----------
@@ -198,6 +206,8 @@ class Stroke:
             Of the nodes [Pa].
         guess : ndarray, (n, d)
             Displacements to begin with [m].
+        may_lower : bool
+            Whether to rest under a share of the pressures where all of them have no equilibrium.
 
         Raises
         ------
@@ -210,16 +220,27 @@ class Stroke:
             return found
         # From the undeformed part, in steps that adapt.
         u, load, size = np.zeros_like(guess), 0.0, LoadSteps(FIRST_STEP, LEAST_STEP)
+        way = []
         while load < 1.0:
             trial = size.next(load, 1.0)
             found, cause = self._newton(kappa, gamma, trial * pressure, u)
             if found is not None:
                 size.has_succeeded(trial - load)
                 u, load = found.u, trial
+                way.append((load, u))
             elif size.has_failed(trial - load):
-                raise ModelError(f"no equilibrium beyond {load:.0%} of the pressure: {cause}", "pressure")
-        assert found is not None
-        return found
+                break
+        share = 1.0
+        while found is None and LOWERED * share > max(load, LEAST_STEP) and may_lower:
+            share *= LOWERED
+            found, _ = self._newton(kappa, gamma, share * pressure, guess)
+        if found is None and may_lower and way:
+            before = [one for one in way if one[0] <= LOWERED * load]
+            share, u = before[-1] if before else way[0]
+            found, _ = self._newton(kappa, gamma, share * pressure, u)
+        if found is None:
+            raise ModelError(f"no equilibrium beyond {load:.0%} of the pressure: {cause}", "pressure")
+        return replace(found, share=share)
 
     def _newton(self, kappa: Array, gamma: Array, pressure: Array, u: Array) -> tuple[PartAtRest | None, str]:
         zero = np.zeros_like(u)
@@ -253,7 +274,14 @@ class Stroke:
     def _inversion(self, e: int) -> str:
         return f"the solid at {place_text(self.grid.centres[e])} turns inside out"
 
-    def evaluate(self, density: Array, penalty: float, pressure_pa: float, guess: Array) -> Evaluation:
+    def evaluate(
+        self,
+        density: Array,
+        penalty: float,
+        pressure_pa: float,
+        guess: Array,
+        may_lower: bool = False,
+    ) -> Evaluation:
         """Return -u_out / SE^m with its gradient, (T9).
 
         Parameters
@@ -266,6 +294,8 @@ class Stroke:
             Of the inlet.
         guess : ndarray, (n, d)
             Displacements to begin with [m].
+        may_lower : bool
+            That of `rest`.
 
         Raises
         ------
@@ -273,7 +303,9 @@ class Stroke:
             Where there is no equilibrium, or the air strains nothing.
         """
         air = pressures(self.grid, self.flow, density, pressure_pa * self.held)
-        at = self.rest(density, penalty, air.at_nodes, guess)
+        at = self.rest(density, penalty, air.at_nodes, guess, may_lower)
+        if at.share < 1.0:
+            air = pressures(self.grid, self.flow, density, at.share * pressure_pa * self.held)
         kappa, gamma, kappa_by, gamma_by = interpolation(density, penalty, self.void_stiffness)
         out, m = float((self.output * at.u).sum()), self.exponent
         if at.stored <= 0.0:
@@ -297,4 +329,4 @@ class Stroke:
         by_kappa = by_energy * by_element[:, 0] + by_element[:, 2]
         by_gamma = by_energy * by_element[:, 1] + by_element[:, 3]
         gradient = by_kappa * kappa_by + by_gamma * gamma_by + air.back(by_pressure)
-        return Evaluation(objective, gradient, out, at.u, air.at_nodes, at.residual)
+        return Evaluation(objective, gradient, out, at.u, air.at_nodes, at.residual, at.share)

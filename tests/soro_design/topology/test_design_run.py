@@ -52,13 +52,26 @@ def test_the_coarse_arch_gets_stiffer_by_as_much_as_its_air_allows():
 @pytest.mark.slow
 def test_a_pressure_without_equilibrium_is_lowered_and_named():
     """Far beyond what the silicone bears: the row says by how much the pressure was lowered."""
-    task = bellow(schedule={"pressure_pa": [3e5, 3e5], "iterations": 1, "ramp": 0})
+    task = bellow(schedule={"pressure_pa": [3e6, 3e6], "iterations": 1, "ramp": 0})
     with fails(ModelError, "iteration 1", "no equilibrium"):
         optimise(task)
     task = bellow(schedule={"pressure_pa": [5e4, 5e4], "iterations": 1, "ramp": 0, "penalty": [1.0, 1.0]})
     row = optimise(task).rows[0]
     assert row.eased < 1.0
     assert row.pressure_pa == pytest.approx(5e4 * row.eased)
+
+
+@pytest.mark.slow
+def test_a_run_whose_pressure_stays_low_stops_with_the_cause_and_can_go_on(tmp_path):
+    """Its goal asks for a softer and softer part, and rewards no stiffness: none bears the pressure."""
+    schedule = {"pressure_pa": [6e4, 6e4], "iterations": 22, "ramp": 0, "penalty": [1.0, 1.0]}
+    task = bellow(goal={"energy_exponent": 0.0}, schedule=schedule | {"sharpness": []})
+    kept = []
+    with fails(ModelError, "iteration 20: for 20 iterations no design", "spring_pa", "--resume"):
+        optimise(task, progress=kept.append)
+    lowered = [row.eased for row in kept[-1].rows]
+    assert max(lowered) < 1.0
+    assert len(optimise(task, kept[-1]).rows) == 22
 
 
 @pytest.mark.slow

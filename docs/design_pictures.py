@@ -28,9 +28,9 @@ from soro_design.topology import (
     save,
     shape,
 )
-from soro_design.topology.optimise import STATE
+from soro_design.topology.goals import Farthest
 from soro_design.topology.pictures import picture
-from soro_design.topology.task import Farthest
+from soro_design.topology.state import STATE
 from tests.soro_design.fem import moving_parts as moving
 from tests.soro_design.fem.three_bellow import MATERIAL, SHAPE, THESIS
 

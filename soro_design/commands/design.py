@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from soro_core.arrays import Array
     from soro_design.topology import FinalPart, OptimiserState, Reanalysis
     from soro_design.topology.domain import Domain
-    from soro_design.topology.lids import LiddedMotion
+    from soro_design.topology.section import LiddedMotion
     from soro_design.topology.widths import Widths
 
 app = typer.Typer(no_args_is_help=True)
@@ -44,9 +44,10 @@ def run(
     from soro_core.config import find_config
     from soro_design.topology import load_state, load_task, optimise, save
     from soro_design.topology.domain import make_domain
-    from soro_design.topology.optimise import STATE, require_sealable
+    from soro_design.topology.optimise import require_sealable
     from soro_design.topology.pictures import film
     from soro_design.topology.repeats import cells_of
+    from soro_design.topology.state import STATE
     from soro_design.topology.task import resolved, write_task
 
     file = find_config(task, "design")
@@ -144,8 +145,7 @@ def export(
     if extrude is not None and not 0.0 < extrude < float("inf"):
         raise ConfigError("soro design export", "--extrude", extrude, "a height above 0")
     from soro_design.topology import shape
-    from soro_design.topology.lids import lidded_surface
-    from soro_design.topology.section import final_surface
+    from soro_design.topology.section import final_surface, lidded_surface
 
     domain, state = _loaded(Path(source))
     space, has_lids = domain.task.space, domain.task.lid_mm is not None
@@ -231,9 +231,9 @@ def _report(domain: Domain, state: OptimiserState, folder: Path) -> None:
     from rich.table import Table
 
     from soro_design.topology import reanalyse, shape
-    from soro_design.topology.lids import reanalyse_with_lids
+    from soro_design.topology.goals import Farthest
     from soro_design.topology.pictures import picture
-    from soro_design.topology.task import Farthest
+    from soro_design.topology.section import reanalyse_with_lids
     from soro_design.topology.widths import PRINTABLE_M, least_widths
 
     try:

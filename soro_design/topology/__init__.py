@@ -30,11 +30,11 @@ from soro_design.topology.check import reanalyse as reanalyse
 from soro_design.topology.check import shape as shape
 from soro_design.topology.domain import Domain as Domain
 from soro_design.topology.domain import make_domain as make_domain
-from soro_design.topology.optimise import IterationRow as IterationRow
-from soro_design.topology.optimise import OptimiserState as OptimiserState
-from soro_design.topology.optimise import load_state as load_state
 from soro_design.topology.optimise import optimise as optimise
-from soro_design.topology.optimise import save as save
+from soro_design.topology.state import IterationRow as IterationRow
+from soro_design.topology.state import OptimiserState as OptimiserState
+from soro_design.topology.state import load_state as load_state
+from soro_design.topology.state import save as save
 from soro_design.topology.task import Task as Task
 from soro_design.topology.task import load_task as load_task
 from soro_design.topology.task import task_from_dict as task_from_dict

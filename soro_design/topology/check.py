@@ -13,10 +13,10 @@ from soro_design.fem.elements.solid import tables
 from soro_design.fem.solve.stretches import greatest_stretch
 from soro_design.topology.domain import NEAR, Domain, held_nodes, inlet_key, inside, output_at, output_weights
 from soro_design.topology.flood import Flood, flood, thinnest_wall, wet_faces
-from soro_design.topology.optimise import OptimiserState
+from soro_design.topology.goals import Farthest
 from soro_design.topology.physics.grid import place_text
 from soro_design.topology.shape import Contour, contour, solid_mesh
-from soro_design.topology.task import Farthest
+from soro_design.topology.state import OptimiserState
 
 
 @dataclass(frozen=True, eq=False)

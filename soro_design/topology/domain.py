@@ -12,11 +12,12 @@ from scipy.sparse.csgraph import connected_components
 from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import Mesh
+from soro_design.topology.goals import Box, Disc, Farthest, Stiffest
 from soro_design.topology.physics.compliance import Compliance
 from soro_design.topology.physics.darcy import Flow
 from soro_design.topology.physics.grid import Grid, make_grid, place_text
 from soro_design.topology.physics.stroke import Stroke
-from soro_design.topology.task import Box, Disc, Farthest, Stiffest, Task
+from soro_design.topology.task import Task
 
 # Nodes this close to the border of a region belong to it, in edges of elements.
 NEAR = 1e-6

@@ -2,12 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, fields
-from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy.sparse.linalg import aslinearoperator
@@ -16,98 +12,20 @@ from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
 from soro_design.topology.domain import Domain, analysis, make_domain
 from soro_design.topology.flood import flood
-from soro_design.topology.mma import Moves, mma_step, no_moves
+from soro_design.topology.mma import mma_step, no_moves
 from soro_design.topology.physics.compliance import Compliance
 from soro_design.topology.physics.filter import density_filter, greyness, projection
 from soro_design.topology.physics.grid import Evaluation, place_text
 from soro_design.topology.physics.stroke import Stroke
 from soro_design.topology.repeats import cell_mean
 from soro_design.topology.shape import mean_level, snapped
+from soro_design.topology.state import TONES, IterationRow, OptimiserState
 from soro_design.topology.stretch import WATCHED, limit_of, slope_of_mean, stretched
 from soro_design.topology.task import Task
 
 # A pressure that was lowered, where a design had no equilibrium, rises again by this factor. A run in which
 # it is low for so many iterations looks for a part that the air carries away.
 RISING, MOST_LOWERED = 1.2, 20
-STATE = "state.npz"
-# Densities of the film are kept as whole numbers up to this.
-TONES = 255
-
-
-@dataclass(frozen=True)
-class IterationRow:
-    """One iteration in numbers.
-
-    Attributes
-    ----------
-    iteration : int
-        From 1.
-    objective : float
-        The goal: u . K u, or -u_out / SE^m, in SI units; with a margin the mean of both parts.
-    motion_m : float
-        Of the output [m], NaN without one.
-    volume : float
-        Share of the grid that is solid.
-    greyness : float
-        Mean of 4 rho (1 - rho).
-    residual : float
-        Unbalanced force over the force of the air.
-    pressure_pa : float
-        At the inlet, below that of the schedule where a design has no equilibrium there.
-    penalty, sharpness : float
-        Of the schedule.
-    eased : float
-        Pressure over that of the schedule.
-    stretch : float
-        Greatest principal stretch of the part, NaN where the task has no limit of it.
-    thinner_pa : float
-        Pressure of the thinner part, NaN where the part alone counts.
-    """
-
-    iteration: int
-    objective: float
-    motion_m: float
-    volume: float
-    greyness: float
-    residual: float
-    pressure_pa: float
-    penalty: float
-    sharpness: float
-    eased: float
-    stretch: float = np.nan
-    thinner_pa: float = np.nan
-
-
-@dataclass(frozen=True, eq=False)
-class OptimiserState:
-    """All that an iteration needs from those before it.
-
-    Attributes
-    ----------
-    x : ndarray, (e,)
-        Design variables of the next iteration.
-    moves : Moves
-        Memory of the moving asymptotes.
-    u : ndarray, (n, d)
-        Displacements of the last iteration [m].
-    density, filtered : ndarray, (e,)
-        Densities of the last iteration, and before their projection.
-    pressure : ndarray, (n,)
-        Of the last iteration [Pa].
-    frames : ndarray of uint8, (iterations, e)
-        Densities of all iterations, for a film.
-    rows : tuple of Row
-        Of all iterations.
-    """
-
-    x: Array
-    moves: Moves
-    u: Array
-    density: Array
-    filtered: Array
-    pressure: Array
-    frames: Any
-    rows: tuple[IterationRow, ...]
 
 
 def first_state(domain: Domain) -> OptimiserState:
@@ -337,39 +255,3 @@ def _iterate(
         np.vstack([state.frames, frame]),
         (*state.rows, row),
     )
-
-
-def save(state: OptimiserState, folder: Path) -> None:
-    """Write a state into a folder; a run that is interrupted meanwhile leaves the one before."""
-    arrays = {f"moves_{one.name}": getattr(state.moves, one.name) for one in fields(Moves)}
-    for name in ("x", "u", "density", "filtered", "pressure", "frames"):
-        arrays[name] = getattr(state, name)
-    rows = json.dumps([asdict(row) for row in state.rows])
-    beside = folder / f"new_{STATE}"
-    np.savez(beside, rows=np.array(rows), **arrays)
-    beside.replace(folder / STATE)
-
-
-def load_state(folder: Path, domain: Domain) -> OptimiserState:
-    """Return the state that a folder holds.
-
-    Raises
-    ------
-    ConfigError
-        If it holds none, or one of another grid.
-    """
-    path = folder / STATE
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as kept:
-            arrays = {name: kept[name] for name in kept.files}
-        rows = tuple(IterationRow(**row) for row in json.loads(str(arrays.pop("rows"))))
-        moves = Moves(**{one.name: arrays.pop(f"moves_{one.name}") for one in fields(Moves)})
-        state = OptimiserState(moves=moves, rows=rows, **arrays)
-    except FileNotFoundError:
-        raise ConfigError(str(path), "", "no such file", "the folder of a run of `soro design`") from None
-    except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
-        raise ConfigError(str(path), "", str(error), "a state that `soro design run` has written") from None
-    if state.x.shape != domain.is_solid.shape:
-        allowed = f"a run of this grid, {len(domain.is_solid)} elements"
-        raise ConfigError(str(path), "x", f"{len(state.x)} elements", allowed)
-    return state

@@ -14,7 +14,7 @@ from PIL import Image
 from soro_core.arrays import Array
 from soro_design.topology.check import FinalPart, Reanalysis
 from soro_design.topology.domain import Domain
-from soro_design.topology.optimise import TONES, OptimiserState
+from soro_design.topology.state import TONES, OptimiserState
 
 WIDTH_PIXELS = 480
 GREYS = 32

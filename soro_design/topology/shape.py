@@ -2,7 +2,7 @@
 
 Nodes near the contour move onto it, so that no cut is close to a corner. The rest of each cell of a section
 is a polygon of three to six corners; lines from its centre to the middles of its edges divide it into as many
-quad4, which fit those of the next cell. Of a solid see `soro_design.topology.tetrahedra`.
+quad4, which fit those of the next cell. Of a solid see `soro_design.topology.physics.tetrahedra`.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from soro_design.fem.meshes.mesh_files import refined
 from soro_design.topology.domain import Domain
 from soro_design.topology.physics.filter import projection
 from soro_design.topology.physics.grid import Grid
-from soro_design.topology.tetrahedra import cut_tetrahedra, edges_of, tetrahedra, turned
+from soro_design.topology.physics.tetrahedra import cut_tetrahedra, edges_of, tetrahedra, turned
 
 # A node whose edge is cut nearer than this share of the edge moves onto the contour.
 SNAP = 0.25

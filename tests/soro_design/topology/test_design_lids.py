@@ -10,7 +10,7 @@ from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import read_stl
 from soro_design.fem.elements.solid import tables
 from soro_design.fem.meshes.surface import is_closed, volume
-from soro_design.topology import lids, make_domain
+from soro_design.topology import make_domain, section
 from soro_design.topology.domain import normals
 from soro_design.topology.shape import snapped, solid_mesh
 from soro_design.topology.task import write_task
@@ -37,9 +37,9 @@ def area(mesh, faces):
 def test_the_lid_closes_the_chamber_and_the_air_presses_on_its_inside(kind, layers):
     domain, level = tube(1.5, 10.0)
     cut = snapped(domain.grid, level)
-    mesh, wet = lids.lidded_mesh(domain, cut, lids.Layers(kind, *layers))
-    section = solid_mesh(domain, cut)
-    ring = tables(section, section.cells)[2].sum()
+    mesh, wet = section.lidded_mesh(domain, cut, section.Layers(kind, *layers))
+    flat = solid_mesh(domain, cut)
+    ring = tables(flat, flat.cells)[2].sum()
     # The corners of the inner contour lie on its circle, so that the chamber is a little less than it.
     chamber = 0.25 * np.pi * INNER**2
     exact = ring * 5e-3 + chamber * 1.5e-3
@@ -53,7 +53,7 @@ def test_the_lid_closes_the_chamber_and_the_air_presses_on_its_inside(kind, laye
 
 def test_the_printed_part_with_its_images_holds_water_and_trimesh_agrees():
     domain, level = tube(1.5, 10.0)
-    points, triangles = lids.lidded_surface(domain, snapped(domain.grid, level))
+    points, triangles = section.lidded_surface(domain, snapped(domain.grid, level))
     assert is_closed(triangles)
     assert points[:, 2].min() == 0.0
     assert points[:, 2].max() == pytest.approx(1e-2)
@@ -70,9 +70,9 @@ def test_the_printed_part_with_its_images_holds_water_and_trimesh_agrees():
 def test_the_middle_of_a_long_part_is_a_tube_with_closed_ends(monkeypatch):
     """Lame's tube, whose lids stretch it along its axis; the section in plane strain opens farther."""
     domain, level = tube(3.0, 120.0)
-    monkeypatch.setattr(lids, "CELLS", (288,))
-    monkeypatch.setattr(lids, "contour_level", lambda domain, filtered: filtered)
-    found = lids.reanalyse_with_lids(domain, level, np.nan)
+    monkeypatch.setattr(section, "CELLS", (288,))
+    monkeypatch.setattr(section, "contour_level", lambda domain, filtered: filtered)
+    found = section.reanalyse_with_lids(domain, level, np.nan)
     assert found.moved.cause == ""
     mu, nu, p = 72e3, 0.45, 1e2
     # Means over the wall of p a^2 / (2 mu (b^2 - a^2)) (c r + b^2 / r), c of either state.
@@ -91,12 +91,12 @@ def test_the_middle_of_a_long_part_is_a_tube_with_closed_ends(monkeypatch):
 @pytest.mark.slow
 def test_a_grid_too_coarse_for_the_walls_is_told(monkeypatch):
     domain, _ = tube(1.0, 10.0)
-    monkeypatch.setattr(lids, "contour_level", lambda domain, filtered: filtered)
+    monkeypatch.setattr(section, "contour_level", lambda domain, filtered: filtered)
     r = np.hypot(*domain.grid.mesh.points.T)
     thin = np.minimum(r - 7.6e-3, 8.6e-3 - r)
-    monkeypatch.setattr(lids, "CELLS", (18,))
+    monkeypatch.setattr(section, "CELLS", (18,))
     with pytest.raises(ModelError, match="with lids, on a grid of 18 elements"):
-        lids.reanalyse_with_lids(domain, thin, 0.0)
+        section.reanalyse_with_lids(domain, thin, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -135,8 +135,8 @@ def test_a_run_tells_what_lids_take_and_its_export_has_them(tmp_path, monkeypatc
     assert done.exit_code == 0, done.output
     told = re.search(r"with lids: ([\d.]+) mm, in the middle of the height ([\d.]+) mm", done.output)
     mean, middle = (float(number) for number in told.groups())
-    section = float(re.search(r"as coarse: ([\d.]+) mm", done.output)[1])
-    assert 0.0 < mean < middle < section
+    flat = float(re.search(r"as coarse: ([\d.]+) mm", done.output)[1])
+    assert 0.0 < mean < middle < flat
     refused = soro("export", "small_design", "--stl", "part.stl", "--extrude", "4mm").exception
     assert isinstance(refused, ConfigError)
     assert refused.key == "--extrude"

@@ -10,9 +10,9 @@ from soro_design.fem.meshes.surface import is_closed, volume
 from soro_design.topology import load_task, make_domain, optimise, reanalyse, shape, task_from_dict
 from soro_design.topology.check import FinalPart
 from soro_design.topology.flood import flood, wet_faces
+from soro_design.topology.physics.tetrahedra import cut_tetrahedra, tetrahedra, turned
 from soro_design.topology.section import final_surface
 from soro_design.topology.shape import snapped, solid_mesh
-from soro_design.topology.tetrahedra import cut_tetrahedra, tetrahedra, turned
 from tests.soro_design.topology.small import ball, box
 
 

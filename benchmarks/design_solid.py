@@ -55,8 +55,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description="Time of a topology optimisation in space.")
     parser.add_argument("cells", help="elements along x, y and z, such as 24x20x21")
     parser.add_argument("--until", type=int, default=0, help="iteration to stop at (all of the schedule)")
+    parser.add_argument("--pressure-pa", type=float, help="last pressure, in place of that of the task")
     given = parser.parse_args()
     task = with_changes(load_task(TASK), cells=tuple(int(n) for n in given.cells.split("x")))
+    if given.pressure_pa is not None:
+        first = task.schedule.pressure_pa[0]
+        pressures = with_changes(task.schedule, pressure_pa=(first, given.pressure_pa))
+        task = with_changes(task, schedule=pressures)
     domain = make_domain(task)
     wall_s, processor_s = time.perf_counter(), time.process_time()
 

@@ -27,7 +27,7 @@ ARCH = {(100, 50): 16.9, (200, 100): 14.4}
 # Most minutes of the processor.
 BELLOW_MIN = {(100, 50): 0.5, (200, 100): 1.5, (400, 200): 8.0}
 # Other tasks.
-OTHERS = ("bellow_folds", "disc", "gripper", "muscle", "pneunet", "rotary")
+OTHERS = ("bellow_folds", "bender", "disc", "gripper", "muscle", "pneunet", "rotary")
 MOTION_MM, GRIDS_AGREE, GREYNESS, OWN_MESH_AGREES, STROKE_MM = 2.4, 0.02, 0.08, 0.05, 7.0
 
 

@@ -131,7 +131,7 @@ PARTS = {
     "paths": picture_of_paths,
     "fold": picture_of_fold,
 }
-TASKS = ("arch", "bellow", "bellow_folds", "disc", "gripper", "muscle", "pneunet", "rotary")
+TASKS = ("arch", "bellow", "bellow_folds", "bender", "disc", "gripper", "muscle", "pneunet", "rotary")
 
 
 def main() -> None:

@@ -145,7 +145,7 @@ def export(
     if extrude is not None and not 0.0 < extrude < float("inf"):
         raise ConfigError("soro design export", "--extrude", extrude, "a height above 0")
     from soro_design.topology import shape
-    from soro_design.topology.section import final_surface, lidded_surface
+    from soro_design.topology.section import final_surface, lidded_surface, piece
 
     domain, state = _loaded(Path(source))
     space, has_lids = domain.task.space, domain.task.lid_mm is not None
@@ -166,7 +166,12 @@ def export(
     if has_lids:
         write_surface(stl, *lidded_surface(domain, part.cut))
     else:
-        write_surface(stl, *final_surface(domain.task, part.mesh, extrude or 0.0, pieces))
+        meshes = {stl: part.mesh}
+        if part.is_stiff is not None:
+            second = stl.with_stem(f"{stl.stem}_stiff")
+            meshes = {stl: piece(part.mesh, ~part.is_stiff), second: piece(part.mesh, part.is_stiff)}
+        for path, mesh in meshes.items():
+            write_surface(path, *final_surface(domain.task, mesh, extrude or 0.0, pieces))
 
 
 _HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>6} {'residual':>8} {'kPa':>7}"
@@ -296,6 +301,9 @@ def _numbers(
         ("least wall or hinge", _width(widths.solid_m, widths.solid_at)),
         ("least gap", _width(widths.gap_m, widths.gap_at)),
     ]
+    if found.is_stiff is not None:
+        stiff = found.stiff_m3 / found.volume_m3
+        rows.append(("stiffer material, of the part", f"{stiff:.4f}"))
     if moved is None:
         return rows
     gap = moved.motion_m / row.motion_m - 1.0

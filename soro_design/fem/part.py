@@ -79,6 +79,8 @@ class Part:
         plane strain is 1 m thick, and about an axis the part is a whole ring.
     contact : Barrier or None
         Of surfaces that come near each other or obstacles.
+    stiffer : ndarray, (e,)
+        How many times as stiff as the material each element is.
     """
 
     mesh: Mesh
@@ -91,7 +93,8 @@ class Part:
     volume: Array
     _faces: tuple[Integers, ...]
     _pieces: tuple[Integers, ...]
-    contact: Barrier | None = None
+    contact: Barrier | None
+    stiffer: Array
 
     @property
     def shared(self) -> float:
@@ -137,7 +140,8 @@ class Part:
         energy, inverted = assemble(
             (self.material.law, self.shared),
             mesh.cells,
-            (self.slope, self.hoop, self.volume),
+            # Energy, forces and stiffness are all in proportion to the volume.
+            (self.slope, self.hoop, self.stiffer[:, None] * self.volume),
             (u, u if before is None else before),
             inner,
             (self.pattern.cells, data),
@@ -208,6 +212,7 @@ def make_part(
     loads: Loads,
     is_averaged: bool | None = None,
     contact: Contact | None = None,
+    stiffer: ArrayLike = 1.0,
 ) -> Part:
     """Return a part.
 
@@ -224,6 +229,8 @@ def make_part(
         hyperelastic material do.
     contact : Contact, optional
         How its surfaces keep off each other and obstacles; needs the extra `design`.
+    stiffer : array-like, (e,) or one number
+        How many times as stiff as the material each element is; its density is the same.
 
     Raises
     ------
@@ -241,5 +248,8 @@ def make_part(
     pattern = make_pattern(mesh.cells, *mesh.points.shape)
     barrier = None if contact is None else make_barrier(mesh, contact, material.shear_modulus_pa)
     read = tables(mesh, mesh.cells)
-    part = Part(mesh, material, loads, is_averaged, pattern, *read, (), (), barrier)
+    times = np.broadcast_to(np.asarray(stiffer, dtype=float), len(mesh.cells)).copy()
+    if not (np.isfinite(times) & (times > 0.0)).all():
+        raise ModelError("stiffer of elements: not finite or not above 0; allowed: above 0", "stiffer")
+    part = Part(mesh, material, loads, is_averaged, pattern, *read, (), (), barrier, times)
     return part.under(loads)

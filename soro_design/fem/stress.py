@@ -55,6 +55,7 @@ def strained(part: Part, u: Array) -> Strained:
     sums = forces, gradients, volume
     _add_up((law, part.shared), cells, tables, np.ascontiguousarray(u), sums)
     undeformed = part.volume.sum(axis=1)
+    forces *= part.stiffer[:, None, None]
     return Strained(forces / volume[:, None, None], gradients / undeformed[:, None, None], volume)
 
 

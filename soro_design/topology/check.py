@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import ArrayLike
+from scipy.ndimage import map_coordinates
 
-from soro_core.arrays import Array, Integers
+from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ModelError
 from soro_design.fem import Mesh, SolverSettings, make_part, no_loads, solve
 from soro_design.fem.elements.solid import tables
@@ -68,6 +70,8 @@ class FinalPart:
         Where that is [m].
     full : str
         Name of the first inlet that is full of solid, else empty.
+    is_stiff : ndarray of bool, (c,), or None
+        Elements of the mesh that are of the second material; None without one.
     """
 
     cut: Contour
@@ -78,11 +82,21 @@ class FinalPart:
     wall_m: float
     wall_at: Array
     full: str = ""
+    is_stiff: Flags | None = None
 
     @property
     def volume_m3(self) -> float:
         """Volume of its solid; a section is 1 m thick."""
         return float(tables(self.mesh, self.mesh.cells)[2].sum())
+
+    @property
+    def stiff_m3(self) -> float:
+        """Volume of the second material in it."""
+        return (
+            0.0
+            if self.is_stiff is None
+            else float(tables(self.mesh, self.mesh.cells[self.is_stiff])[2].sum())
+        )
 
     @property
     def leak(self) -> str:
@@ -97,7 +111,28 @@ class FinalPart:
 
 def shape(domain: Domain, state: OptimiserState) -> FinalPart:
     """Return the final part of a run."""
-    return final_part(domain, contour(domain, state.filtered))
+    found = final_part(domain, contour(domain, state.filtered))
+    if domain.stiffening is None:
+        return found
+    return replace(found, is_stiff=stiff_cells(domain, state.stiff, found.mesh))
+
+
+def stiff_cells(domain: Domain, stiff: Array, mesh: Mesh) -> Flags:
+    """Return which elements (c,) of a mesh are of the second material, by its share at their centres.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    stiff : ndarray, (e,)
+        Shares of the second material in the elements of the grid.
+    mesh : Mesh
+        Of the solid.
+    """
+    grid = domain.grid
+    centres = mesh.points[mesh.cells].mean(axis=1) / np.array(grid.edge_m) - 0.5
+    share = map_coordinates(stiff.reshape(grid.counts), centres.T, order=1, mode="nearest")
+    return np.asarray(share >= 0.5)
 
 
 def final_part(domain: Domain, cut: Contour) -> FinalPart:
@@ -117,10 +152,15 @@ def reanalyse(domain: Domain, found: FinalPart) -> Reanalysis:
     ModelError
         If the goal is not a motion, or the solid does not reach the output.
     """
-    return moved_output(domain, found.mesh, found.wet)
+    if found.is_stiff is None or domain.stiffening is None:
+        return moved_output(domain, found.mesh, found.wet)
+    stiffer = np.where(found.is_stiff, domain.stiffening.times, 1.0)
+    return moved_output(domain, found.mesh, found.wet, stiffer=stiffer)
 
 
-def moved_output(domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | None = None) -> Reanalysis:
+def moved_output(
+    domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | None = None, stiffer: ArrayLike = 1.0
+) -> Reanalysis:
     """Return how far the output of a mesh moves, with its spring and, without a depth, without it too.
 
     Parameters
@@ -134,6 +174,8 @@ def moved_output(domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | Non
     depth_m : float, optional
         Of a solid for a task in plane strain [m]: its spring is as deep, and what one key `held` holds
         along x and y it holds along z too.
+    stiffer : array-like, (c,) or one number
+        How many times as stiff as the first material each element is.
 
     Raises
     ------
@@ -158,7 +200,7 @@ def moved_output(domain: Domain, mesh: Mesh, wet: Integers, depth_m: float | Non
         # The flood has named leaks; the mouth of the inlet is open.
         loads = loads.press(wet, task.schedule.pressure_pa[1], is_patch=True)
     weights = output_weights(goal, mesh, near)
-    part = make_part(mesh, goal.law("goal.material"), loads)
+    part = make_part(mesh, goal.law("goal.material"), loads, stiffer=stiffer)
     moved, causes = [], []
     for spring in (goal.spring_pa, 0.0) if depth_m is None else (goal.spring_pa * depth_m,):
         sprung = part.under(loads.spring(spring * np.abs(weights)))

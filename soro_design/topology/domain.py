@@ -12,7 +12,7 @@ from scipy.sparse.csgraph import connected_components
 from soro_core.arrays import Array, Flags, Integers
 from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import Mesh
-from soro_design.topology.goals import Box, Disc, Farthest, Stiffest
+from soro_design.topology.goals import Box, Disc, Farthest, Stiffening, Stiffest
 from soro_design.topology.physics.compliance import Compliance
 from soro_design.topology.physics.darcy import Flow
 from soro_design.topology.physics.grid import Grid, make_grid, place_text
@@ -67,13 +67,25 @@ class Domain:
         """Elements that do not change, (e,) of bool."""
         return np.asarray(self.is_solid | self.is_void)
 
+    @property
+    def stiffening(self) -> Stiffening | None:
+        """The second material, if there is one."""
+        return self.task.goal.stiff if isinstance(self.task.goal, Farthest) else None
+
+    @property
+    def fields(self) -> int:
+        """Fields of design variables: densities, and with a second material its shares."""
+        return 1 if self.stiffening is None else 2
+
     def start(self) -> Array:
-        """Return the design variables (e,) of the first iteration."""
+        """Return the design variables (fields e,) of the first iteration."""
         x = np.full(len(self.is_solid), self.task.volume_fraction)
         for one in self.task.start:
             x[inside(one.where, self.grid.centres, 0.0)] = one.density
         x[self.is_solid], x[self.is_void] = 1.0, 0.0
-        return x
+        if self.stiffening is None:
+            return x
+        return np.concatenate([x, np.full(len(x), self.stiffening.volume_fraction)])
 
 
 def make_domain(task: Task, where: str = "task") -> Domain:
@@ -204,6 +216,7 @@ def analysis(domain: Domain, where: str = "task") -> Stroke | Compliance:
         domain.output,
         spring,
         goal.energy_exponent,
+        1.0 if goal.stiff is None else goal.stiff.times,
     )
 
 

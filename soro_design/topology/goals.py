@@ -55,6 +55,13 @@ class Stiffest(Strict):
     poisson_ratio: Annotated[float, Field(ge=0.0, lt=0.5, description="of the material")]
 
 
+class Stiffening(Strict):
+    """A second material: the law of the first one, so many times as stiff."""
+
+    times: Annotated[float, Field(gt=1.0, le=1000.0, description="its stiffness over that of the first")]
+    volume_fraction: Annotated[Share, Field(description="greatest share of the volume that it may fill")]
+
+
 class Farthest(Strict):
     """The greatest motion of a patch against a spring, for its energy: least -u_out / SE^m."""
 
@@ -85,6 +92,10 @@ class Farthest(Strict):
         ),
     ]
     energy_exponent: Annotated[float, Field(ge=0.0, le=1.0, description="m: the greater, the stiffer")] = 0.6
+
+    stiff: Annotated[
+        Stiffening | None, Field(description="a second, stiffer material, which the iterations place")
+    ] = None
 
     @model_validator(mode="after")
     def _has_a_direction(self) -> Farthest:

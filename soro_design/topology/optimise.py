@@ -14,7 +14,7 @@ from soro_design.topology.domain import Domain, analysis, make_domain
 from soro_design.topology.flood import flood
 from soro_design.topology.mma import mma_step, no_moves
 from soro_design.topology.physics.compliance import Compliance
-from soro_design.topology.physics.filter import density_filter, greyness, projection
+from soro_design.topology.physics.filter import density_filter, greyness, of_each, projection
 from soro_design.topology.physics.grid import Evaluation, place_text
 from soro_design.topology.physics.stroke import Stroke
 from soro_design.topology.repeats import cell_mean
@@ -30,11 +30,11 @@ RISING, MOST_LOWERED = 1.2, 20
 
 def first_state(domain: Domain) -> OptimiserState:
     """Return the state before the first iteration."""
-    x = domain.start()
+    x, n = domain.start(), len(domain.is_solid)
     if domain.task.shares_variables:
-        x = cell_mean(domain) @ x
+        x[:n] = cell_mean(domain) @ x[:n]
     none = np.empty(0)
-    frames = np.empty((0, len(x)), dtype=np.uint8)
+    frames = np.empty((0, n), dtype=np.uint8)
     return OptimiserState(x, no_moves(), np.zeros_like(domain.output), none, none, none, frames, ())
 
 
@@ -71,6 +71,8 @@ def optimise(
     weights = density_filter(domain.grid, task.filter_radius_m)
     if task.shares_variables:
         weights = weights @ aslinearoperator(cell_mean(domain, where))
+    if domain.fields > 1:
+        weights = of_each(weights, domain.fields)
     state = state or first_state(domain)
     for k in range(len(state.rows), task.schedule.iterations if until is None else until):
         state = _iterate(domain, found, weights, state, k)
@@ -98,25 +100,28 @@ def require_sealable(domain: Domain, where: str) -> None:
 def densities(
     domain: Domain, weights: Any, x: Array, sharpness: float, margin: float = 0.0
 ) -> tuple[Array, Array, Array]:
-    """Return filtered and final densities (e,), and the derivative of the latter by the former.
+    """Return filtered and final densities (fields e,), and the derivative of the latter by the former.
 
     Parameters
     ----------
     domain : Domain
         The task on its grid.
-    weights : linear operator, (e, e)
+    weights : linear operator, (fields e, fields e)
         The density filter.
-    x : ndarray, (e,)
+    x : ndarray, (fields e,)
         Design variables.
     sharpness : float
         Of the projection, 0 without.
     margin : float
-        How far above the threshold of the schedule it steps: of a thinner part.
+        How far above the threshold of the schedule densities step: of a thinner part.
     """
     filtered = np.clip(weights @ x, 0.0, 1.0)
-    density, slope = projection(filtered, sharpness, domain.task.schedule.threshold + margin)
+    n = len(domain.is_solid)
+    density, slope = projection(filtered[:n], sharpness, domain.task.schedule.threshold + margin)
     density = np.where(domain.is_solid, 1.0, np.where(domain.is_void, 0.0, density))
-    return filtered, density, np.where(domain.is_given, 0.0, slope)
+    slope = np.where(domain.is_given, 0.0, slope)
+    stiff, stiff_slope = projection(filtered[n:], sharpness, domain.task.schedule.threshold)
+    return filtered, np.concatenate([density, stiff]), np.concatenate([slope, stiff_slope])
 
 
 def designs_at(domain: Domain, weights: Any, x: Array, k: int) -> list[tuple[Array, Array, Array]]:
@@ -128,9 +133,9 @@ def designs_at(domain: Domain, weights: Any, x: Array, k: int) -> list[tuple[Arr
     ----------
     domain : Domain
         The task on its grid.
-    weights : linear operator, (e, e)
+    weights : linear operator, (fields e, fields e)
         The density filter.
-    x : ndarray, (e,)
+    x : ndarray, (fields e,)
         Design variables.
     k : int
         The iteration, from 0.
@@ -186,6 +191,40 @@ def _require_pressure(task: Task, rows: tuple[IterationRow, ...]) -> None:
         )
 
 
+def volume_limits(
+    domain: Domain, weights: Any, density: Array, slope: Array
+) -> tuple[list[float], list[float], list[Array]]:
+    """Return the shares of the grid that are solid and of a second material, with their limits.
+
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    weights : linear operator, (fields e, fields e)
+        From variables to densities before their projection.
+    density, slope : ndarray, (fields e,)
+        Of `densities`.
+
+    Returns
+    -------
+    volumes : list of float
+        The shares.
+    limits : list of float
+        How far each is above its limit, as a share of that.
+    slopes : list of ndarray, (fields e,)
+        Their derivatives by the variables.
+    """
+    share = domain.grid.volumes / domain.grid.volumes.sum()
+    most = [domain.task.volume_fraction]
+    if domain.stiffening is not None:
+        most.append(domain.stiffening.volume_fraction)
+    found = [float(share @ one) for one in density.reshape(domain.fields, -1)]
+    limits = [one / limit - 1.0 for one, limit in zip(found, most, strict=True)]
+    by_field = np.kron(np.eye(domain.fields), share)
+    slopes = [weights.T @ (one * slope) / limit for one, limit in zip(by_field, most, strict=True)]
+    return found, limits, slopes
+
+
 def _iterate(
     domain: Domain, found: Stroke | Compliance, weights: Any, state: OptimiserState, k: int
 ) -> OptimiserState:
@@ -214,16 +253,15 @@ def _iterate(
             f"iteration {k + 1}: nothing moves the output; allowed: an inlet whose air meets material",
             "inlet",
         )
-    share = domain.grid.volumes / domain.grid.volumes.sum()
-    volume = float(share @ density)
+    n = len(domain.is_solid)
     move = task.schedule.move
     least, most = np.maximum(x - move, 0.0), np.minimum(x + move, 1.0)
-    least[domain.is_given] = most[domain.is_given] = x[domain.is_given]
-    limit = task.volume_fraction
-    by_volume = weights.T @ (share * slope) / limit
-    limits, slopes, stretch = [volume / limit - 1.0], [by_volume], np.nan
+    given = np.flatnonzero(domain.is_given)
+    least[given] = most[given] = x[given]
+    volumes, limits, slopes = volume_limits(domain, weights, density, slope)
+    stretch = np.nan
     if domain.stretch_limit is not None and isinstance(found, Stroke):
-        here = stretched(domain.grid, density, at.u)
+        here = stretched(domain.grid, density[:n], at.u)
         stretch, beyond = here.greatest, limit_of(here.greatest, domain.stretch_limit)
         if beyond > WATCHED - 1.0 and here.mean > 0.0:
             by_density = slope_of_mean(found, penalty, pressure, density, at)
@@ -234,8 +272,8 @@ def _iterate(
         k + 1,
         objective,
         at.motion_m,
-        volume,
-        greyness(density),
+        volumes[0],
+        greyness(density[:n]),
         at.residual,
         pressure,
         penalty,
@@ -243,15 +281,17 @@ def _iterate(
         eased,
         stretch,
         thinner_pa,
+        volumes[1] if domain.fields > 1 else np.nan,
     )
-    frame = np.round(TONES * density).astype(np.uint8)
+    frame = np.round(TONES * density[:n]).astype(np.uint8)
     return OptimiserState(
         following,
         moves,
         at.u,
-        density,
-        filtered,
+        density[:n],
+        filtered[:n],
         at.pressure,
         np.vstack([state.frames, frame]),
         (*state.rows, row),
+        density[n:],
     )

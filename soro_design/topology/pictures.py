@@ -83,8 +83,12 @@ def picture(
     extent = (0.0, x, 0.0, y)
     rows = domain.grid.as_rows(state.density)
     top[0].imshow(rows, origin="lower", extent=extent, cmap="gray_r", vmin=0.0, vmax=1.0)
-    where = ", at z = 0" if is_solid else ""
-    top[0].set_title(f"density{where}")
+    where, second = ", at z = 0" if is_solid else "", ""
+    if len(state.stiff):
+        stiff = domain.grid.as_rows(state.stiff * state.density)
+        top[0].imshow(stiff, origin="lower", extent=extent, cmap="Oranges", vmin=0.0, vmax=1.5, alpha=stiff)
+        second = ", stiffer material orange"
+    top[0].set_title(f"density{where}{second}")
     counts = [count + 1 for count in domain.grid.counts]
     air = 1e-3 * state.pressure.reshape(*counts[:2], -1)[:, :, 0].T
     shown = top[1].imshow(air, origin="lower", extent=extent, cmap="viridis")
@@ -132,8 +136,9 @@ def _solid(axes: Any, domain: Domain, found: FinalPart, u: Array | float) -> Non
 
 def _part(axes: Any, found: FinalPart, u: Array | float) -> None:
     at = 1e3 * (found.mesh.points + u)
+    colours = "0.75" if found.is_stiff is None else np.where(found.is_stiff, "tab:orange", "0.75")
     axes.add_collection(
-        PolyCollection(list(at[found.mesh.cells]), facecolor="0.75", edgecolor="face", lw=0.3)
+        PolyCollection(list(at[found.mesh.cells]), facecolor=colours, edgecolor="face", lw=0.3)
     )
     for faces, colour in ((found.wet, "tab:red"), (found.outer, "tab:blue")):
         axes.add_collection(LineCollection(list(at[faces]), color=colour, lw=1.2))

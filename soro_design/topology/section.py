@@ -11,8 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.interpolate import RegularGridInterpolator
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
-from soro_core.arrays import Array, Integers
+from soro_core.arrays import Array, Flags, Integers
 from soro_core.config import with_changes
 from soro_core.errors import ConfigError, ModelError
 from soro_design.fem import Mesh, extruded, make_mesh, revolved
@@ -51,6 +53,32 @@ def mirrored(mesh: Mesh, axes: tuple[str, ...], space: Space = "plane_strain") -
         points = np.concatenate([points, image])
         cells = np.concatenate([cells, number[cells][:, ::-1]])
     return make_mesh("quad4", space, points, cells)
+
+
+def piece(mesh: Mesh, is_there: Flags) -> Mesh:
+    """Return the mesh of some elements of one; what touches at a node or edge alone shares no node.
+
+    Parameters
+    ----------
+    mesh : Mesh
+    is_there : ndarray of bool, (c,)
+        The elements.
+    """
+    cells, faces = mesh.cells[is_there], mesh.element.faces
+    # Nodes of each element (c m of them), of which those of a face are one in both its elements.
+    n, own = cells.size, np.arange(cells.size).reshape(cells.shape)[:, faces].reshape(-1, faces.shape[1])
+    nodes = cells.ravel()[own]
+    turn = np.argsort(nodes, axis=1)
+    own, nodes = (np.take_along_axis(one, turn, axis=1) for one in (own, nodes))
+    order = np.lexsort(nodes.T)
+    own, nodes = own[order], nodes[order]
+    is_shared = (nodes[1:] == nodes[:-1]).all(axis=1)
+    pairs = own[:-1][is_shared].ravel(), own[1:][is_shared].ravel()
+    links = coo_matrix((np.ones(len(pairs[0])), pairs), shape=(n, n))
+    number = connected_components(links, directed=False)[1]
+    places = np.empty((number.max(initial=-1) + 1, mesh.points.shape[1]))
+    places[number] = mesh.points[cells.ravel()]
+    return make_mesh(mesh.kind, mesh.space, places, number.reshape(cells.shape))
 
 
 def mirrored_surface(points: Array, triangles: Integers, axes: tuple[str, ...]) -> tuple[Array, Integers]:

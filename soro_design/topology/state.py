@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -48,6 +48,8 @@ class IterationRow:
         Greatest principal stretch of the part, NaN where the task has no limit of it.
     thinner_pa : float
         Pressure of the thinner part, NaN where the part alone counts.
+    stiff : float
+        Share of the grid that is of the second material, NaN without one.
     """
 
     iteration: int
@@ -62,6 +64,7 @@ class IterationRow:
     eased: float
     stretch: float = np.nan
     thinner_pa: float = np.nan
+    stiff: float = np.nan
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,8 +73,8 @@ class OptimiserState:
 
     Attributes
     ----------
-    x : ndarray, (e,)
-        Design variables of the next iteration.
+    x : ndarray, (e,) or (2 e,)
+        Design variables of the next iteration: densities, and shares of a second material.
     moves : Moves
         Memory of the moving asymptotes.
     u : ndarray, (n, d)
@@ -84,6 +87,8 @@ class OptimiserState:
         Densities of all iterations, for a film.
     rows : tuple of Row
         Of all iterations.
+    stiff : ndarray, (e,) or (0,)
+        Shares of the second material in the last iteration.
     """
 
     x: Array
@@ -94,12 +99,13 @@ class OptimiserState:
     pressure: Array
     frames: Any
     rows: tuple[IterationRow, ...]
+    stiff: Array = field(default_factory=lambda: np.empty(0))
 
 
 def save(state: OptimiserState, folder: Path) -> None:
     """Write a state into a folder; a run that is interrupted meanwhile leaves the one before."""
     arrays = {f"moves_{one.name}": getattr(state.moves, one.name) for one in fields(Moves)}
-    for name in ("x", "u", "density", "filtered", "pressure", "frames"):
+    for name in ("x", "u", "density", "filtered", "pressure", "frames", "stiff"):
         arrays[name] = getattr(state, name)
     rows = json.dumps([asdict(row) for row in state.rows])
     beside = folder / f"new_{STATE}"
@@ -126,7 +132,8 @@ def load_state(folder: Path, domain: Domain) -> OptimiserState:
         raise ConfigError(str(path), "", "no such file", "the folder of a run of `soro design`") from None
     except (OSError, ValueError, KeyError, TypeError, BadZipFile) as error:
         raise ConfigError(str(path), "", str(error), "a state that `soro design run` has written") from None
-    if state.x.shape != domain.is_solid.shape:
-        allowed = f"a run of this grid, {len(domain.is_solid)} elements"
-        raise ConfigError(str(path), "x", f"{len(state.x)} elements", allowed)
+    number = domain.fields * len(domain.is_solid)
+    if len(state.x) != number:
+        allowed = f"a run of this grid, {number} variables"
+        raise ConfigError(str(path), "x", f"{len(state.x)} variables", allowed)
     return state

@@ -94,16 +94,17 @@ def slope_of_mean(found: Stroke, penalty: float, pressure_pa: float, density: Ar
         Exponent of the stiffness.
     pressure_pa : float
         Of the inlet.
-    density : ndarray, (e,)
-        Densities of the elements.
+    density : ndarray, (e,) or (2 e,)
+        Densities of the elements, and their shares of a second material.
     at : Evaluation
         Of the same part.
     """
-    here = stretched(found.grid, density, at.u)
+    n = len(found.grid.kind)
+    here = stretched(found.grid, density[:n], at.u)
     # With the exponent 0 the goal is minus the motion of an output: this one has the weights of the mean.
     weights = np.where(found.is_held, 0.0, here.by_u)
     moved = replace(found, output=weights, exponent=0.0).evaluate(density, penalty, pressure_pa, at.u)
-    return np.asarray(here.by_density - moved.gradient)
+    return np.asarray(np.pad(here.by_density, (0, len(density) - n)) - moved.gradient)
 
 
 def limit_of(greatest: float, limit: float) -> float:

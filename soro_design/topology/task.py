@@ -226,6 +226,8 @@ class Task(Strict):
             return self
         if self.space != "plane_strain" or isinstance(self.goal, Stiffest):
             raise ValueError("lid_mm in space plane_strain with goal farthest alone")
+        if self.goal.stiff is not None:
+            raise ValueError("lid_mm without goal.stiff: lids of one material alone")
         if 2.0 * self.lid_mm >= 1e3 * self.height_m:
             raise ValueError(
                 f"lid_mm {self.lid_mm:g} below half the height of the part, {500.0 * self.height_m:g} mm"

@@ -1,10 +1,11 @@
 """Kernel of elements between solid and void, with the air in them; docs/design.md (T6) to (T8).
 
-    phi(u) = kappa (phi_solid(gamma u) + (1 - gamma^2) phi_small(u)) - (1 - kappa) int p J(u) dV
+    phi(u) = kappa s (phi_solid(gamma u) + (1 - gamma^2) phi_small(u)) - (1 - kappa) int p J(u) dV
 
-phi_solid is the energy of the material and phi_small that of small strains: void (gamma = 0) is linear and
-cannot turn inside out (Wang et al. 2014). Air presses on what is not solid: so a pressure that falls within a
-wall pushes at its face. The displacements of an element are u = (u_1x, u_1y, ...).
+s says how many times as stiff as the material an element is, phi_solid is the energy of the material and
+phi_small that of small strains: void (gamma = 0) is linear and cannot turn inside out (Wang et al. 2014). Air
+presses on what is not solid: so a pressure that falls within a wall pushes at its face. The displacements of
+an element are u = (u_1x, u_1y, ...).
 """
 
 from __future__ import annotations
@@ -27,6 +28,22 @@ from soro_design.fem.elements.solid import (
     make_work,
     respond_element,
 )
+
+
+class ElementScales(NamedTuple):
+    """What the densities make of the elements.
+
+    Attributes
+    ----------
+    kappa, gamma : ndarray, (e,)
+        Of (T7).
+    stiffer : ndarray, (e,)
+        How many times as stiff as the material they are.
+    """
+
+    kappa: Array
+    gamma: Array
+    stiffer: Array
 
 
 class Elements(NamedTuple):
@@ -93,7 +110,7 @@ def _add_air(
 @kernel
 def assemble(
     elements: Elements,
-    scale: tuple[Array, Array],
+    scale: ElementScales,
     pressure: Array,
     at: tuple[Array, Array],
     force: Array,
@@ -101,12 +118,12 @@ def assemble(
 ) -> tuple[float, float, int]:
     """Add forces (n, d) and stiffness; return the energies of material and air, and -1 or a bad element.
 
-    `scale` has kappa and gamma (e,) of the elements; pressure (n,) is that of the nodes; `at`: u (n, d)
+    `scale` is that of the elements; pressure (n,) is that of the nodes; `at`: u (n, d)
     and those before, as in `respond_element`; `into`: position (e, a d, a d) says where in `data` the
     stiffness goes. Without `data` there is none. A bad element has J <= 0 in its solid.
     """
     law, shared, cells, kind, slope, hoop, volume, shape, small = elements
-    kappa, gamma = scale
+    kappa, gamma, stiffer = scale
     position, data = into
     n, d = slope.shape[2:]
     size = n * d
@@ -127,7 +144,8 @@ def assemble(
                 of_cell[a, i] = u[cells[e, a], i]
                 scaled[a, i] = gamma[e] * u[cells[e, a], i]
                 earlier[a, i] = gamma[e] * before[cells[e, a], i]
-        rest = kappa[e] * (1.0 - gamma[e] ** 2)
+        solid = kappa[e] * stiffer[e]
+        rest = solid * (1.0 - gamma[e] ** 2)
         for i in range(size):
             f[i] = 0.0
             for j in range(size):
@@ -139,11 +157,11 @@ def assemble(
             energy = respond_element(of, element, (scaled, earlier), with_stiffness, work)
             if math.isnan(energy):
                 return stored, by_air, e
-            stored += kappa[e] * energy
+            stored += solid * energy
             for i in range(size):
-                f[i] += kappa[e] * gamma[e] * fs[i]
+                f[i] += solid * gamma[e] * fs[i]
                 for j in range(i + 1):
-                    K[i, j] += kappa[e] * gamma[e] ** 2 * Ks[i, j]
+                    K[i, j] += solid * gamma[e] ** 2 * Ks[i, j]
         if is_wet:
             element = ElementShape(slope[k], hoop[k], volume[k])
             by_air += _add_air(element, with_stiffness, (shape, p), of_cell, work, (f, K))
@@ -161,19 +179,19 @@ def assemble(
 @kernel
 def sensitivities(
     elements: Elements,
-    scale: tuple[Array, Array],
+    scale: ElementScales,
     pressure: Array,
     at: tuple[Array, Array],
     by: tuple[Array, Array],
 ) -> None:
-    """by element (e, 4) and pressure (n,) <- derivatives of energy and of adjoint . force.
+    """by element (e, 5) and pressure (n,) <- derivatives of energy and of adjoint . force.
 
-    `scale` has kappa and gamma (e,); pressure (n,) is that of the nodes; `at`: u and adjoint (n, d).
-    The columns: of the stored energy by kappa and by gamma, then of adjoint . force by both. Of the pressure
-    there is only adjoint . force.
+    `scale` is that of the elements; pressure (n,) is that of the nodes; `at`: u and adjoint (n, d). The
+    columns: of the stored energy by kappa over s and by gamma, then of adjoint . force by both, and the
+    former without the air. Of the pressure there is only adjoint . force.
     """
     law, shared, cells, kind, slope, hoop, volume, shape, small = elements
-    kappa, gamma = scale
+    kappa, gamma, stiffer = scale
     u, adjoint = at
     by_element, by_pressure = by
     n, d = slope.shape[2:]
@@ -208,8 +226,10 @@ def sensitivities(
                 for j in range(size):
                     entry = Ks[i, j] if j <= i else Ks[j, i]
                     work_by_gamma += c * y[i] * entry * x[j]
-        by_element[e, 0], by_element[e, 1] = energy, kappa[e] * energy_by_gamma
-        by_element[e, 2], by_element[e, 3] = work_done, kappa[e] * work_by_gamma
+        solid = kappa[e] * stiffer[e]
+        by_element[e, 0], by_element[e, 1] = energy, solid * energy_by_gamma
+        by_element[e, 2], by_element[e, 3] = work_done, solid * work_by_gamma
+        by_element[e, 4] = work_done
         for g in range(volume.shape[1]):
             fill_gradient(of_cell, slope[k, g], hoop[k, g], work.F)
             cofactor(work.F, work.H)

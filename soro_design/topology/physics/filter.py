@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from scipy.sparse.linalg import LinearOperator
 
@@ -64,9 +67,36 @@ def projection(x: Array, sharpness: float, threshold: float) -> tuple[Array, Arr
     return (low + inner) / (low + high), sharpness * (1.0 - inner**2) / (low + high)
 
 
+def of_each(weights: LinearOperator, fields: int) -> LinearOperator:
+    """Return a filter (e, e) for several fields of densities behind each other, (fields e, fields e)."""
+    n = weights.shape[0]
+
+    def applied(operator: Any) -> Callable[[Array], Array]:
+        return lambda x: np.concatenate([operator @ one for one in np.reshape(x, (fields, n))])
+
+    size = (fields * n, fields * n)
+    return LinearOperator(size, matvec=applied(weights), rmatvec=applied(weights.T), dtype=float)
+
+
 def greyness(density: Array) -> float:
     """Return the mean of 4 rho (1 - rho): 0 of a part without half densities, 1 where all are half."""
     return float(np.mean(4.0 * density * (1.0 - density)))
+
+
+def stiffening(share: Array, penalty: float, times: float) -> tuple[Array, Array]:
+    """Return how many times as stiff as the material elements are, and its derivative by the share.
+
+    Parameters
+    ----------
+    share : ndarray, (e,)
+        Of the stiffer material in each, from 0 to 1.
+    penalty : float
+        Exponent.
+    times : float
+        Of an element of the stiffer material alone.
+    """
+    more = times - 1.0
+    return 1.0 + more * share**penalty, more * penalty * share ** (penalty - 1.0)
 
 
 # Where an element begins to count as solid, and how suddenly.

@@ -29,8 +29,8 @@ class Evaluation:
     ----------
     objective : float
         To be made small.
-    gradient : ndarray, (e,)
-        Its derivative by the densities.
+    gradient : ndarray, (e,) or (2 e,)
+        Its derivative by the densities, and by the shares of a second material.
     motion_m : float
         Of the output [m], NaN without one.
     u : ndarray, (n, d)

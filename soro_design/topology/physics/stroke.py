@@ -16,8 +16,8 @@ from soro_design.fem.solve.dissection import order_among
 from soro_design.fem.solve.linear import Factors, KeptFactors, factorised
 from soro_design.fem.solve.steps import LoadSteps, shortened
 from soro_design.topology.physics.darcy import Flow, pressures
-from soro_design.topology.physics.energy import Elements, assemble, sensitivities
-from soro_design.topology.physics.filter import interpolation
+from soro_design.topology.physics.energy import Elements, ElementScales, assemble, sensitivities
+from soro_design.topology.physics.filter import interpolation, stiffening
 from soro_design.topology.physics.grid import Evaluation, Grid, between_free, place_text
 
 _NONE = np.empty(0)
@@ -106,6 +106,8 @@ class Stroke:
         Springs to the ground [N/m].
     exponent : float
         m in -u_out / SE^m.
+    stiffer : float
+        How many times as stiff as the material a second one is; 1 without.
     """
 
     grid: Grid
@@ -117,6 +119,7 @@ class Stroke:
     output: Array
     spring: Array
     exponent: float
+    stiffer: float = 1.0
     _elements: Elements = field(init=False, repr=False)
     _free: Integers = field(init=False, repr=False)
     _order: Integers = field(init=False, repr=False)
@@ -143,14 +146,20 @@ class Stroke:
             self.material.law, shared, cells, np.arange(n), *tables, np.zeros_like(position, float)
         )
         data, zero, one = np.zeros(position.size), np.zeros((nodes * n, d)), np.ones(n)
-        assemble(alone, (one, one), zero[:, 0].copy(), (zero, zero), zero.copy(), (position, data))
+        assemble(
+            alone,
+            ElementScales(one, one, one),
+            zero[:, 0].copy(),
+            (zero, zero),
+            zero.copy(),
+            (position, data),
+        )
         small = data.reshape(position.shape)
         return alone._replace(cells=grid.mesh.cells, kind=grid.kind, small=small)
 
     def balance(
         self,
-        kappa: Array,
-        gamma: Array,
+        scales: ElementScales,
         pressure: Array,
         u: Array,
         before: Array | None = None,
@@ -160,8 +169,8 @@ class Stroke:
 
         Parameters
         ----------
-        kappa, gamma : ndarray, (e,)
-            Of (T7).
+        scales : ElementScales
+            Of the elements.
         pressure : ndarray, (n,)
             Of the nodes [Pa].
         u : ndarray, (n, d)
@@ -176,7 +185,7 @@ class Stroke:
         force = np.zeros_like(u)
         stored, by_air, bad = assemble(
             self._elements,
-            (kappa, gamma),
+            scales,
             pressure,
             (u, u if before is None else before),
             force,
@@ -198,8 +207,8 @@ class Stroke:
 
         Parameters
         ----------
-        density : ndarray, (e,)
-            Densities of the elements.
+        density : ndarray, (e,) or (2 e,)
+            Densities of the elements, and their shares of a second material.
         penalty : float
             Exponent of the stiffness.
         pressure : ndarray, (n,)
@@ -214,8 +223,8 @@ class Stroke:
         ModelError
             Where no equilibrium is found, whether from the guess or by steps from the undeformed part.
         """
-        kappa, gamma, _, _ = interpolation(density, penalty, self.void_stiffness)
-        found, cause = self._newton(kappa, gamma, pressure, guess)
+        scales, _, _, _ = self._scales(density, penalty)
+        found, cause = self._newton(scales, pressure, guess)
         if found is not None:
             return found
         # From the undeformed part, in steps that adapt.
@@ -223,7 +232,7 @@ class Stroke:
         way = []
         while load < 1.0:
             trial = size.next(load, 1.0)
-            found, cause = self._newton(kappa, gamma, trial * pressure, u)
+            found, cause = self._newton(scales, trial * pressure, u)
             if found is not None:
                 size.has_succeeded(trial - load)
                 u, load = found.u, trial
@@ -233,18 +242,27 @@ class Stroke:
         share = 1.0
         while found is None and LOWERED * share > max(load, LEAST_STEP) and may_lower:
             share *= LOWERED
-            found, _ = self._newton(kappa, gamma, share * pressure, guess)
+            found, _ = self._newton(scales, share * pressure, guess)
         if found is None and may_lower and way:
             before = [one for one in way if one[0] <= LOWERED * load]
             share, u = before[-1] if before else way[0]
-            found, _ = self._newton(kappa, gamma, share * pressure, u)
+            found, _ = self._newton(scales, share * pressure, u)
         if found is None:
             raise ModelError(f"no equilibrium beyond {load:.0%} of the pressure: {cause}", "pressure")
         return replace(found, share=share)
 
-    def _newton(self, kappa: Array, gamma: Array, pressure: Array, u: Array) -> tuple[PartAtRest | None, str]:
+    def _scales(self, density: Array, penalty: float) -> tuple[ElementScales, Array, Array, Array]:
+        """ElementScales of the elements, and the derivatives of each by the densities it depends on."""
+        n = len(self.grid.kind)
+        kappa, gamma, kappa_by, gamma_by = interpolation(density[:n], penalty, self.void_stiffness)
+        if self.stiffer == 1.0:
+            return ElementScales(kappa, gamma, np.ones(n)), kappa_by, gamma_by, _NONE
+        stiffer, stiffer_by = stiffening(density[n:], penalty, self.stiffer)
+        return ElementScales(kappa, gamma, stiffer), kappa_by, gamma_by, stiffer_by
+
+    def _newton(self, scales: ElementScales, pressure: Array, u: Array) -> tuple[PartAtRest | None, str]:
         zero = np.zeros_like(u)
-        balance_at = partial(self.balance, kappa, gamma, pressure)
+        balance_at = partial(self.balance, scales, pressure)
         scale = float(np.linalg.norm(balance_at(zero, with_stiffness=False).unbalanced)) or 1.0
         now = balance_at(u)
         factors = KeptFactors()
@@ -286,8 +304,8 @@ class Stroke:
 
         Parameters
         ----------
-        density : ndarray, (e,)
-            Densities of the elements.
+        density : ndarray, (e,) or (2 e,)
+            Densities of the elements, and their shares of a second material.
         penalty : float
             Exponent of the stiffness.
         pressure_pa : float
@@ -302,11 +320,12 @@ class Stroke:
         ModelError
             Where there is no equilibrium, or the air strains nothing.
         """
-        air = pressures(self.grid, self.flow, density, pressure_pa * self.held)
+        solid = density[: len(self.grid.kind)]
+        air = pressures(self.grid, self.flow, solid, pressure_pa * self.held)
         at = self.rest(density, penalty, air.at_nodes, guess, may_lower)
         if at.share < 1.0:
-            air = pressures(self.grid, self.flow, density, at.share * pressure_pa * self.held)
-        kappa, gamma, kappa_by, gamma_by = interpolation(density, penalty, self.void_stiffness)
+            air = pressures(self.grid, self.flow, solid, at.share * pressure_pa * self.held)
+        scales, kappa_by, gamma_by, stiffer_by = self._scales(density, penalty)
         out, m = float((self.output * at.u).sum()), self.exponent
         if at.stored <= 0.0:
             raise ModelError("the air of the inlet strains nothing: it meets no solid that is held", "inlet")
@@ -315,7 +334,7 @@ class Stroke:
         by_out, by_energy = -(at.stored**-m), m * out * at.stored ** (-m - 1.0)
         # The force of the material alone is the slope of its energy.
         no_air = np.zeros_like(air.at_nodes)
-        alone = self.balance(kappa, gamma, no_air, at.u, with_stiffness=False)
+        alone = self.balance(scales, no_air, at.u, with_stiffness=False)
         inner = alone.unbalanced - np.where(self.is_held, 0.0, self.spring * at.u)
         adjoint = np.zeros(at.u.size)
         right = (by_out * self.output + by_energy * inner).ravel()[self._free]
@@ -323,10 +342,14 @@ class Stroke:
         if moved is None:
             raise ModelError("the stiffness of the part at rest is singular: it may snap there", "pressure")
         adjoint[self._free] = -moved
-        by_element, by_pressure = np.empty((len(density), 4)), np.empty(len(no_air))
+        by_element, by_pressure = np.empty((len(scales.kappa), 5)), np.empty(len(no_air))
         state = at.u, adjoint.reshape(at.u.shape)
-        sensitivities(self._elements, (kappa, gamma), air.at_nodes, state, (by_element, by_pressure))
+        sensitivities(self._elements, scales, air.at_nodes, state, (by_element, by_pressure))
         by_kappa = by_energy * by_element[:, 0] + by_element[:, 2]
         by_gamma = by_energy * by_element[:, 1] + by_element[:, 3]
+        by_solid = by_energy * by_element[:, 0] + by_element[:, 4]
+        by_kappa += (scales.stiffer - 1.0) * by_solid
         gradient = by_kappa * kappa_by + by_gamma * gamma_by + air.back(by_pressure)
+        if self.stiffer != 1.0:
+            gradient = np.concatenate([gradient, by_solid * scales.kappa * stiffer_by])
         return Evaluation(objective, gradient, out, at.u, air.at_nodes, at.residual, at.share)

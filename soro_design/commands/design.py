@@ -122,10 +122,11 @@ def export(
 ) -> None:
     """Write a part as a solid: the final one of a run, with its mirror images, or that of a part file.
 
-    A run becomes an STL file, of a section by --extrude or --revolve, or with the lids of its task. A part
-    file (config/parts) becomes a STEP file of its exact dimensions, or the STL file of its mesh.
+    A run becomes an STL file, of a section by --extrude or --revolve, or with the lids of its task; one of
+    two materials a file of each, the stiffer one NAME_stiff.stl. A part file (config/parts) becomes a STEP
+    file of its exact dimensions, or the STL file of its mesh.
     """
-    from soro_design.commands.export_part import export_part, write_surface
+    from soro_design.commands.export_part import export_part, write_surfaces
 
     for option, path, ending in (("--stl", stl, ".stl"), ("--step", step, ".step")):
         if path is not None and path.suffix != ending:
@@ -164,14 +165,16 @@ def export(
     if part.leak:
         raise ModelError(f"no part to export: {part.leak}", "leak")
     if has_lids:
-        write_surface(stl, *lidded_surface(domain, part.cut))
+        write_surfaces({stl: lidded_surface(domain, part.cut)})
     else:
         meshes = {stl: part.mesh}
         if part.is_stiff is not None:
             second = stl.with_stem(f"{stl.stem}_stiff")
-            meshes = {stl: piece(part.mesh, ~part.is_stiff), second: piece(part.mesh, part.is_stiff)}
-        for path, mesh in meshes.items():
-            write_surface(path, *final_surface(domain.task, mesh, extrude or 0.0, pieces))
+            kinds = {stl: ~part.is_stiff, second: part.is_stiff}
+            meshes = {path: piece(part.mesh, kind) for path, kind in kinds.items() if kind.any()}
+        write_surfaces(
+            {path: final_surface(domain.task, mesh, extrude or 0.0, pieces) for path, mesh in meshes.items()}
+        )
 
 
 _HEAD = f"{'iteration':>9} {'goal':>12} {'motion mm':>9} {'volume':>7} {'grey':>6} {'residual':>8} {'kPa':>7}"
@@ -302,8 +305,8 @@ def _numbers(
         ("least gap", _width(widths.gap_m, widths.gap_at)),
     ]
     if found.is_stiff is not None:
-        stiff = found.stiff_m3 / found.volume_m3
-        rows.append(("stiffer material, of the part", f"{stiff:.4f}"))
+        stiff = found.stiff_m3 / domain.grid.volumes.sum()
+        rows.append(("stiffer material, of the grid and of the part", f"{row.stiff:.4f}, {stiff:.4f}"))
     if moved is None:
         return rows
     gap = moved.motion_m / row.motion_m - 1.0

@@ -56,30 +56,29 @@ def export_part(source: str, stl: Path | None, step: Path | None, pieces: int) -
         mesh = make_specimen(file).part.mesh
         if mesh.space == "plane_strain":
             raise ConfigError(str(path), "geometry.space", mesh.space, "solid or axisymmetric, for --stl")
-        write_surface(stl, *(solid_surface(mesh) if mesh.space == "solid" else revolved(mesh, pieces)))
+        write_surfaces({stl: solid_surface(mesh) if mesh.space == "solid" else revolved(mesh, pieces)})
 
 
-def write_surface(stl: Path, points: Array, triangles: Integers) -> None:
-    """Write a surface that closes, and print a line of it.
+def write_surfaces(surfaces: dict[Path, tuple[Array, Integers]]) -> None:
+    """Write surfaces that close, and print a line of each.
 
     Parameters
     ----------
-    stl : Path
-        File.
-    points : ndarray, (n, 3)
-        Corners [m].
-    triangles : ndarray of int, (t, 3)
-        Turned outwards.
+    surfaces : dict
+        Of each file the corners (n, 3) [m] and triangles (t, 3), turned outwards.
 
     Raises
     ------
     ModelError
-        If the surface has open edges, or the file cannot be written.
+        If a surface has open edges (then none is written), or a file cannot be written.
     """
     from soro_design.fem import write_stl
     from soro_design.fem.meshes.surface import is_closed, volume
 
-    if not is_closed(triangles):
-        raise ModelError("the surface has open edges: no solid to export", "stl")
-    write_stl(stl, points, triangles)
-    typer.echo(f"{stl}: {len(triangles)} triangles, {1e9 * volume(points, triangles):.6g} mm3, watertight")
+    for stl, (_, triangles) in surfaces.items():
+        if not is_closed(triangles):
+            raise ModelError(f"the surface of {stl} has open edges: no solid to export", "stl")
+    for stl, (points, triangles) in surfaces.items():
+        write_stl(stl, points, triangles)
+        size = f"{1e9 * volume(points, triangles):.6g} mm3"
+        typer.echo(f"{stl}: {len(triangles)} triangles, {size}, watertight")

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from scipy.sparse.linalg import aslinearoperator
+from scipy.sparse.linalg import LinearOperator, aslinearoperator
 
 from soro_core.arrays import Array
 from soro_core.errors import ConfigError, ModelError
@@ -24,8 +25,10 @@ from soro_design.topology.stretch import WATCHED, limit_of, slope_of_mean, stret
 from soro_design.topology.task import Task
 
 # A pressure that was lowered, where a design had no equilibrium, rises again by this factor. A run in which
-# it is low for so many iterations looks for a part that the air carries away.
-RISING, MOST_LOWERED = 1.2, 20
+# it is low for so many iterations, and falls so often, is heading for a part that the air carries away.
+RISING, MOST_LOWERED, MOST_FALLS = 1.2, 20, 5
+# A thinner part that bears less than this share of the pressure is torn.
+TORN = 0.25
 
 
 def first_state(domain: Domain) -> OptimiserState:
@@ -51,7 +54,7 @@ def optimise(
     ----------
     task : Task
         The task.
-    state : State, optional
+    state : OptimiserState, optional
         Where to go on; default: from the start.
     progress : callable, optional
         Called after each iteration.
@@ -68,18 +71,30 @@ def optimise(
     domain = make_domain(task, where)
     require_sealable(domain, where)
     found = analysis(domain, where)
-    weights = density_filter(domain.grid, task.filter_radius_m)
-    if task.shares_variables:
-        weights = weights @ aslinearoperator(cell_mean(domain, where))
-    if domain.fields > 1:
-        weights = of_each(weights, domain.fields)
+    weights = filters(domain, where)
     state = state or first_state(domain)
-    for k in range(len(state.rows), task.schedule.iterations if until is None else until):
+    last = task.schedule.iterations if until is None else until
+    for k in range(len(state.rows), last):
         state = _iterate(domain, found, weights, state, k)
         if progress is not None:
             progress(state)
-        _require_pressure(task, state.rows)
+        if k + 1 < last:
+            _require_pressure(state.rows)
     return state
+
+
+def filters(domain: Domain, where: str = "task") -> LinearOperator:
+    """Return the linear operator from variables to densities before their projection, (fields e, fields e).
+
+    Parameters and errors as of `cell_mean`.
+    """
+    task = domain.task
+    filtered = density_filter(domain.grid, task.filter_radius_m)
+    # Given elements have a density of their own, but may be of either material.
+    apart = (domain.is_given, np.zeros_like(domain.is_given))[: domain.fields]
+    if not task.shares_variables:
+        return of_each([filtered for _ in apart])
+    return of_each([filtered @ aslinearoperator(cell_mean(domain, where, one)) for one in apart])
 
 
 def require_sealable(domain: Domain, where: str) -> None:
@@ -161,11 +176,11 @@ def _evaluated(
 def goal_of(
     weights: Any, every: list[Evaluation], designs: list[tuple[Array, Array, Array]]
 ) -> tuple[float, Array]:
-    """Return the mean goal of all parts, and its slope by the variables (e,).
+    """Return the mean goal of all parts, and its slope by the variables (fields e,).
 
     Parameters
     ----------
-    weights : linear operator, (e, e)
+    weights : linear operator, (fields e, fields e)
         From variables to densities before their projection.
     every : list of Evaluation
         Of these parts.
@@ -176,14 +191,16 @@ def goal_of(
     return float(np.mean([one.objective for one in every])), weights.T @ np.mean(slopes, axis=0)
 
 
-def _require_pressure(task: Task, rows: tuple[IterationRow, ...]) -> None:
+def _require_pressure(rows: tuple[IterationRow, ...]) -> None:
     """Refuse to go on where the pressure has just been low for too long: other goals would help."""
-    recent = [row.eased < 1.0 for row in rows[-MOST_LOWERED - 1 :]]
-    if all(recent[-MOST_LOWERED:]) and recent.count(True) == MOST_LOWERED:
+    recent = rows[-MOST_LOWERED - 1 :]
+    falls = sum(now.eased < min(1.0, RISING * before.eased) for before, now in pairwise(recent))
+    is_low = [row.eased < 1.0 for row in recent]
+    if all(is_low[-MOST_LOWERED:]) and is_low.count(True) == MOST_LOWERED and falls >= MOST_FALLS:
         row = rows[-1]
         raise ModelError(
-            f"iteration {row.iteration}: for {MOST_LOWERED} iterations no design had an equilibrium under "
-            f"the pressure of the schedule, the last one under {row.pressure_pa:.4g} of "
+            f"iteration {row.iteration}: the pressure has been below that of the schedule for {MOST_LOWERED} "
+            f"iterations, the last design rests under {row.pressure_pa:.4g} of "
             f"{row.pressure_pa / row.eased:.4g} Pa: the goal asks for a part so soft that its air carries it "
             "away; allowed: a greater goal.spring_pa and goal.energy_exponent, more of it held, a lower "
             "schedule.pressure_pa; or go on as it is with --resume",
@@ -243,6 +260,8 @@ def _iterate(
     try:
         for _, one, _ in designs[1:]:
             thinner = _evaluated(found, one, penalty, pressure, at.u)
+            if thinner.share < TORN:
+                raise ModelError("the thinner part bears hardly any pressure", "schedule.margin")
             every, thinner_pa = [at, thinner], thinner.share * pressure
     except ModelError:
         # Torn altogether: the part alone counts.

@@ -29,7 +29,7 @@ from soro_design.topology.shape import Contour, contour_level, cut_quads, joined
 from soro_design.topology.task import Task
 
 # Elements of the grids that the section of the solid is tried on, and how near its motion in plane strain has
-# to come to that on the mesh of its own; those of the half part along z, of second order.
+# to come to that on the mesh of its own.
 CELLS, NEAR_ENOUGH = (200, 400, 800), 0.05
 
 
@@ -218,6 +218,7 @@ def coarser(domain: Domain, filtered: Array, cells: int) -> tuple[Domain, Contou
     return few, snapped(few.grid, field(few.grid.mesh.points))
 
 
+# Of the half part along z, of second order.
 SOLID = Layers("quad8", 2, 1)
 
 

@@ -187,8 +187,8 @@ def sensitivities(
     """by element (e, 5) and pressure (n,) <- derivatives of energy and of adjoint . force.
 
     `scale` is that of the elements; pressure (n,) is that of the nodes; `at`: u and adjoint (n, d). The
-    columns: of the stored energy by kappa over s and by gamma, then of adjoint . force by both, and the
-    former without the air. Of the pressure there is only adjoint . force.
+    columns: 0, 1 the stored energy by kappa s and by gamma; 2 adjoint . force by kappa, as if s were 1; 3 the
+    same by gamma; 4 that of 2 without the air. Of the pressure there is only adjoint . force.
     """
     law, shared, cells, kind, slope, hoop, volume, shape, small = elements
     kappa, gamma, stiffer = scale

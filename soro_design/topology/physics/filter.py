@@ -67,15 +67,19 @@ def projection(x: Array, sharpness: float, threshold: float) -> tuple[Array, Arr
     return (low + inner) / (low + high), sharpness * (1.0 - inner**2) / (low + high)
 
 
-def of_each(weights: LinearOperator, fields: int) -> LinearOperator:
-    """Return a filter (e, e) for several fields of densities behind each other, (fields e, fields e)."""
-    n = weights.shape[0]
+def of_each(filters: list[LinearOperator]) -> LinearOperator:
+    """Return the operator of fields that stand behind each other, from that (e, e) of each."""
+    if len(filters) == 1:
+        return filters[0]
 
-    def applied(operator: Any) -> Callable[[Array], Array]:
-        return lambda x: np.concatenate([operator @ one for one in np.reshape(x, (fields, n))])
+    def applied(operators: list[Any]) -> Callable[[Array], Array]:
+        return lambda x: np.concatenate(
+            [one @ part for one, part in zip(operators, np.split(np.ravel(x), len(operators)), strict=True)]
+        )
 
-    size = (fields * n, fields * n)
-    return LinearOperator(size, matvec=applied(weights), rmatvec=applied(weights.T), dtype=float)
+    n = sum(one.shape[0] for one in filters)
+    back = applied([one.T for one in filters])
+    return LinearOperator((n, n), matvec=applied(filters), rmatvec=back, dtype=float)
 
 
 def greyness(density: Array) -> float:

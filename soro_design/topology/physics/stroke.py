@@ -25,8 +25,8 @@ _NONE = np.empty(0)
 TOLERANCE = 1e-7
 ROUNDS = 15
 FIRST_STEP, LEAST_STEP = 0.25, 0.05
-# Where there is no equilibrium, the pressure is lowered by this factor; also before a limit point, where the
-# part is carried away.
+# Where there is no equilibrium, each try takes this share of the pressure before; beside a limit point the
+# part rests at most at this share of the pressure there.
 LOWERED = 0.8
 # Greatest residual of linear equations over their right hand side: of a step, and of the derivatives.
 STEP_RESIDUAL, ADJOINT_RESIDUAL = 1e-3, 1e-11
@@ -67,7 +67,7 @@ class PartAtRest:
     residual : float
         Unbalanced force over the force of the air, as norms.
     stiffness : sparse array
-        Between free displacements [N/m]; its numbers are those of this part until the next one is at rest.
+        Between free displacements [N/m]; its numbers are those of this part until the next attempt.
     factors : KeptFactors
         Of a stiffness near by.
     share : float
@@ -339,6 +339,9 @@ class Stroke:
         adjoint = np.zeros(at.u.size)
         right = (by_out * self.output + by_energy * inner).ravel()[self._free]
         moved = at.factors.solve(at.stiffness, right, ADJOINT_RESIDUAL, self._factorised)
+        if moved is None and may_lower:
+            lower = self.evaluate(density, penalty, at.share * LOWERED * pressure_pa, guess)
+            return replace(lower, share=at.share * LOWERED)
         if moved is None:
             raise ModelError("the stiffness of the part at rest is singular: it may snap there", "pressure")
         adjoint[self._free] = -moved

@@ -12,6 +12,7 @@ from soro_design.fem.elements.material import material_from_dict
 from soro_design.fem.meshes.surface import volume
 from soro_design.topology import load_state, make_domain, optimise, reanalyse, save, shape, task_from_dict
 from soro_design.topology.check import stiff_cells
+from soro_design.topology.optimise import filters
 from soro_design.topology.task import write_task
 from soro_ros.cli import application
 from tests.refused import fails, refused
@@ -116,6 +117,40 @@ def test_a_bar_that_is_its_own_image_moves_by_where_the_stiffer_material_lies(tm
     soft, stiff = (volume(*read_stl(path)) for path in (stl, tmp_path / "bar_stiff.stl"))
     assert soft + stiff == pytest.approx(0.01 * part.volume_m3, rel=1e-5)
     assert stiff == pytest.approx(0.01 * part.stiff_m3, rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    "shared", [{"quarter_turns": True}, {"repeat": {"along": "x", "pitch_m": 0.004, "number": 3}}]
+)
+def test_cells_and_quarters_share_the_second_material_in_given_solid_too(shared):
+    corner = {"kind": "box", "x_m": [0.0, 0.001], "y_m": [0.0, 0.001]}
+    chamber = {"kind": "box", "x_m": [0.004, 0.008], "y_m": [0.004, 0.008]}
+    square = {"size_m": [0.012, 0.012], "cells": [12, 12], "solid": [corner]}
+    data = bender().model_dump(exclude_none=True, exclude_unset=True)
+    data["goal"]["output"] = {"kind": "box", "y_m": [0.012, 0.012]}
+    domain = make_domain(task_from_dict(data | square | {"inlet": chamber, "void": [chamber]} | shared))
+    n = len(domain.is_solid)
+    assert domain.is_solid.any()
+    x = np.zeros(2 * n)
+    x[n:][domain.is_solid] = 1.0
+    found = filters(domain) @ x
+    assert (found[:n] == 0.0).all()
+    rows = found[n:].reshape(12, 12)
+    again = np.rot90(rows) if "quarter_turns" in shared else np.roll(rows, 4, axis=0)
+    # At the border of the grid the filter has fewer neighbours.
+    inner = slice(None) if "quarter_turns" in shared else slice(5, 8)
+    assert rows[inner].max() > 0.01
+    np.testing.assert_allclose(again[inner], rows[inner], atol=1e-15)
+
+
+def test_a_run_without_enough_of_the_second_material_exports_one_file(tmp_path):
+    """As after the first iterations, whose shares are below a half everywhere."""
+    task = bender()
+    save(optimise(task, until=1), tmp_path)
+    write_task(task, tmp_path / "task.yaml")
+    command = ["design", "export", str(tmp_path), "--stl", str(tmp_path / "a.stl"), "--extrude", "10mm"]
+    assert CliRunner().invoke(application(), command).exit_code == 0
+    assert [path.name for path in tmp_path.glob("*.stl")] == ["a.stl"]
 
 
 def test_a_second_material_that_means_nothing_is_refused():

@@ -43,9 +43,16 @@ def cell_mean(domain: Domain, where: str = "task", is_apart: Flags | None = None
 
 
 def cells_of(domain: Domain, where: str = "task", is_apart: Flags | None = None) -> Integers:
-    """Return the number of an element with which each of the (e,) shares its variable.
+    """Return the number of an element with which each of the (e,) shares its variable; errors as of `cell_mean`.
 
-    Parameters and errors as of `cell_mean`.
+    Parameters
+    ----------
+    domain : Domain
+        The task on its grid.
+    where : str
+        File that errors name.
+    is_apart : ndarray of bool, (e,), optional
+        Elements that share no variable; default: those that are given.
     """
     is_apart = domain.is_given if is_apart is None else is_apart
     number = np.arange(len(is_apart))

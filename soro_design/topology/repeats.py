@@ -43,7 +43,7 @@ def cell_mean(domain: Domain, where: str = "task", is_apart: Flags | None = None
 
 
 def cells_of(domain: Domain, where: str = "task", is_apart: Flags | None = None) -> Integers:
-    """Return the number of an element with which each of the (e,) shares its variable; errors as of `cell_mean`.
+    """Return the number of an element with which each (e,) shares its variable; errors as of `cell_mean`.
 
     Parameters
     ----------

@@ -91,12 +91,10 @@ class FinalPart:
 
     @property
     def stiff_m3(self) -> float:
-        """Volume of the second material in it."""
-        return (
-            0.0
-            if self.is_stiff is None
-            else float(tables(self.mesh, self.mesh.cells[self.is_stiff])[2].sum())
-        )
+        """Volume of the second material in it, 0 without one."""
+        if self.is_stiff is None:
+            return 0.0
+        return float(tables(self.mesh, self.mesh.cells[self.is_stiff])[2].sum())
 
     @property
     def leak(self) -> str:

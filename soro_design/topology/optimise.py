@@ -66,7 +66,8 @@ def optimise(
     Raises
     ------
     ModelError
-        Where a design has no equilibrium, or the output does not move; one line with the reason.
+        Where a design has no equilibrium, the pressure stays low for long, or the output does not move; one
+        line with the reason.
     """
     domain = make_domain(task, where)
     require_sealable(domain, where)
@@ -192,7 +193,7 @@ def goal_of(
 
 
 def _require_pressure(rows: tuple[IterationRow, ...]) -> None:
-    """Refuse to go on where the pressure has just been low for too long: other goals would help."""
+    """Refuse, once, to go on where the pressure has been low for too long; other goals would help."""
     recent = rows[-MOST_LOWERED - 1 :]
     falls = sum(now.eased < min(1.0, RISING * before.eased) for before, now in pairwise(recent))
     is_low = [row.eased < 1.0 for row in recent]

@@ -252,7 +252,7 @@ class Stroke:
         return replace(found, share=share)
 
     def _scales(self, density: Array, penalty: float) -> tuple[ElementScales, Array, Array, Array]:
-        """ElementScales of the elements, and the derivatives of each by the densities it depends on."""
+        """Return the scales of the elements, and the derivatives (e,) of each by the field it depends on."""
         n = len(self.grid.kind)
         kappa, gamma, kappa_by, gamma_by = interpolation(density[:n], penalty, self.void_stiffness)
         if self.stiffer == 1.0:
